@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rf_exp.data.release import expect_release_arms
+from rf_exp.data.release import commands
 from rf_exp.data.target import Advance, library
 from rf_exp.store import Store
 
@@ -32,14 +32,13 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into a file. Raises ArgumentError for other arms than the release's."""
-    expect_release_arms(store, "Policy-Lightning")
+    """All episodes of a store into a file."""
     compressed = {"compression": "gzip", "compression_opts": 4} if pictures == "gzip" else {}
     size, steps = (3, store.attrs["height"], store.attrs["width"]), store.steps
     names = {camera: _camera(camera) for camera in store.cameras}
     with library("h5py").File(folder / FILE, "w") as file:
         for agent in range(store.agents):
-            file.create_dataset(f"action_{agent}", data=store.action[:, agent], **compressed)
+            file.create_dataset(f"action_{agent}", data=commands(store, agent, store.action), **compressed)
         for name in names.values():
             file.create_dataset(name, (steps, *size), np.uint8, chunks=(1, *size), **compressed)
         for index, end in enumerate(store.episode_ends.tolist()):

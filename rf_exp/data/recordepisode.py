@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.artifacts import write_json
-from rf_exp.data.release import camera_name, environment, expect_release_arms
+from rf_exp.data.release import camera_name, commands, environment, own
 from rf_exp.data.target import Advance, last, library
+from rf_exp.robots import DEFAULT
 from rf_exp.store import Store
 from rf_exp.transforms import Matrix, inverse, position_and_quaternion
-from rf_exp.types import Episode
+from rf_exp.types import FINGERS, Episode
 
 PICTURES = ("gzip", "plain")  # both keep every pixel
 TAGS = ("ManiSkill", "RoboFactory")
@@ -50,8 +51,7 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into two files. Raises ArgumentError for other arms than the release's."""
-    expect_release_arms(store, "RecordEpisode")
+    """All episodes of a store into two files."""
     name = environment(store.attrs["task"])
     seeds, steps = store.seeds.tolist(), np.diff(store.episode_ends, prepend=0).tolist()
     with library("h5py").File(folder / f"{NAME}.h5", "w") as file:
@@ -85,20 +85,21 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
 
 
 def _write(group: Any, store: Store, episode: Episode, compressed: bool) -> None:  # an h5py.Group
-    arms = [""] if store.agents == 1 else [f"/panda-{agent}" for agent in range(store.agents)]
+    kinds = ["panda" if model.kind == DEFAULT.kind else model.kind for model in store.models]
+    arms = [""] if store.agents == 1 else [f"/{kind}-{agent}" for agent, kind in enumerate(kinds)]
     done = last(len(episode.qpos))
     values: dict[str, NDArray[Any]] = {"terminated": done, "truncated": np.zeros_like(done), SUCCESS: done}
     stands = _bases(store, episode)
     for agent, arm in enumerate(arms):
-        joints, speeds = episode.qpos[:, agent], episode.qvel[:, agent]
-        values[f"actions{arm}"] = episode.action[:, agent]
+        joints, speeds = (own(store, agent, rows[:, agent], FINGERS) for rows in (episode.qpos, episode.qvel))
+        values[f"actions{arm}"] = commands(store, agent, episode.action)
         if episode.executed is not None:
-            values[f"executed{arm}"] = episode.executed[:, agent]
+            values[f"executed{arm}"] = commands(store, agent, episode.executed)
         values[f"obs/agent{arm}/qpos"], values[f"obs/agent{arm}/qvel"] = _and_last(joints), _and_last(speeds)
         if stands:
             root = np.append(position_and_quaternion(stands[agent]), STILL).astype(np.float32)
             state = np.column_stack([np.tile(root, (len(joints), 1)), joints, speeds])
-            called = "panda" if store.agents == 1 else f"panda-agent-{agent}"
+            called = kinds[agent] if store.agents == 1 else f"{kinds[agent]}-agent-{agent}"
             values[f"env_states/articulations/{called}"] = _and_last(state)
     for name, poses in episode.poses.items():
         moving = np.column_stack([poses, np.tile(STILL, (len(poses), 1))])

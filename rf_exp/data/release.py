@@ -36,6 +36,7 @@ def checked_task(name: object) -> str:
 
 def environment(task: object) -> str:
     """`lift_barrier` -> `LiftBarrier-rf`. Raises ArgumentError for what is no name of a task."""
+    task = task.replace("-", "_") if isinstance(task, str) else task  # before robots that are not the usual
     return "".join(word.capitalize() for word in checked_task(task).split("_")) + "-rf"
 
 
@@ -79,10 +80,14 @@ def within_limits(told: NDArray[np.float32]) -> tuple[NDArray[np.float32], float
     return (bounded, beyond) if beyond > ROUNDING else (told, 0.0)
 
 
-def expect_release_arms(store: Store, form: str) -> None:
-    """Raises ArgumentError where a store is of other arms than the release's."""
-    if other := sorted({model.title for model in store.models if model.commands != DEFAULT.told}):
-        raise ArgumentError(
-            f"{store.path} is of {', '.join(other)}; {form} holds commands of a {DEFAULT.title}: "
-            f"{COMMAND} numbers"
-        )
+def own(store: Store, agent: int, rows: NDArray[np.float32], hand: int) -> NDArray[np.float32]:
+    """Of rows (..., n + hand) of an agent, from 0 on, those of the joints of its arm, and of its hand."""
+    joints = len(store.models[agent].commands) - 1
+    if rows.shape[-1] == joints + hand:
+        return rows
+    return np.concatenate([rows[..., :joints], rows[..., -hand:]], axis=-1)
+
+
+def commands(store: Store, agent: int, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(T, 8) of a Panda, of commands (T, N, A) of all agents."""
+    return own(store, agent, rows[:, agent], 1)

@@ -15,7 +15,7 @@ import numcodecs
 import numpy as np
 import zarr
 
-from rf_exp.data.release import environment, expect_release_arms
+from rf_exp.data.release import commands, environment
 from rf_exp.data.target import Advance
 from rf_exp.errors import ArgumentError
 from rf_exp.store import Store
@@ -41,9 +41,8 @@ def held(pictures: str) -> str:
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
     """All episodes of a store into a folder for each arm.
 
-    Raises ArgumentError for other arms than the release's, and where an arm has no pictures of its own.
+    Raises ArgumentError where an arm has no pictures of its own.
     """
-    expect_release_arms(store, "the release's Zarr")
     cameras = [f"agent{agent}" for agent in range(1, store.agents + 1)]
     if missing := [camera for camera in cameras if camera not in store.cameras]:
         raise ArgumentError(
@@ -55,7 +54,7 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
     for agent in range(store.agents):
         path = folder / f"{environment(store.attrs['task'])}_Agent{agent}_{len(store)}.zarr"
         group = zarr.open_group(path, mode="w", zarr_format=2)
-        told = store.action[:, agent]
+        told = commands(store, agent, store.action)
         for name in TOLD:
             _create(group, f"data/{name}", told.shape, "<f4")[:] = told
         _create(group, "meta/episode_ends", (len(store),), "<i8")[:] = store.episode_ends

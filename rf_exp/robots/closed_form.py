@@ -126,8 +126,8 @@ class ClosedForm:
         return wrapped_rad(np.where(good, last, near))
 
 
-class XArm7(ClosedForm):
-    """The xArm7's: its fourth joint is zero where the Panda's is at -180 degrees, its sixth goes backwards."""
+class XArm7ClosedForm(ClosedForm):
+    """The xArm7's: its fourth joint is zero where the Panda's is at -180 degrees, its sixth backwards."""
 
     lengths = XARM7
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.robots.closed_form import ClosedForm, XArm7
+from rf_exp.robots.closed_form import ClosedForm, XArm7ClosedForm
 from rf_exp.robots.mounted import Mounted
 from rf_exp.robots.robot import Finger, Hand, Robot
-from rf_exp.robots.ur import UR5
+from rf_exp.robots.ur import UR5ClosedForm
 
 PANDA_URDF = "package://mani_skill/assets/robots/panda/panda_v2.urdf"
 ASKEW_RAD = (0.0, 0.0, -np.pi / 4)  # as the hand sits on the Panda
@@ -48,11 +48,11 @@ XARM7 = Robot(
     aside_rad=(0.0, -0.6, 0.0, np.pi - 2.5, 0.0, np.pi - 1.9, np.pi / 4),
     reach_m=0.78,  # at the table its TCP reaches so much less far than the Panda's
     swivel=2,
-    inverse=XArm7,
+    inverse=XArm7ClosedForm,
 )
 # Universal Robots' UR5 of example-robot-data, with the Panda's hand.
 _UR = "distribution://example-robot-data/cmeel.prefix/share/example-robot-data/robots/ur_description/urdf"
-UR5_ = Robot(
+UR5 = Robot(
     name="ur5",
     title="UR5 with the Panda's gripper",
     urdf=Mounted(
@@ -72,10 +72,10 @@ UR5_ = Robot(
     rest_rad=(-0.245, -1.6392, 1.9702, -1.9018, -np.pi / 2, -0.245),
     aside_rad=(-0.3724, -2.0786, 2.0144, -1.5066, -np.pi / 2, -0.3724),
     reach_m=0.85,  # its data sheet
-    inverse=UR5,
+    inverse=UR5ClosedForm,
 )
 DEFAULT = PANDA  # of a task that names none, and of data from before they said
-_KNOWN = {robot.name: robot for robot in (PANDA, XARM7, UR5_)}
+_KNOWN = {robot.name: robot for robot in (PANDA, XARM7, UR5)}
 
 
 def add_robot(robot: Robot) -> None:

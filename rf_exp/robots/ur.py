@@ -27,7 +27,7 @@ _SIDES = np.array([1.0, -1.0])
 Floats = NDArray[np.float64]
 
 
-class UR5:
+class UR5ClosedForm:
     """The UR5's `rf_exp.robots.Inverse`. Of angles that are whole turns apart it gives the nearest to rest.
 
     Where the fifth joint is at zero or half a turn the fourth and the sixth turn about one axis, and any

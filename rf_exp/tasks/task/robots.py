@@ -20,7 +20,7 @@ MODULES = "rf_exp.tasks"
 
 
 def find_robots(node: Mapping[str, Any], names: Sequence[Any] = ()) -> None:
-    """Imports the code of a task that names a robot of its own, or is given one: that is where it is added."""
+    """Imports the code of a task that names a robot of its own, or is given one: there it is added."""
     robots, code = node.get("robots", ()), node.get("code")
     said = {robot.get("model", DEFAULT.name) for robot in robots if isinstance(robot, Mapping)}
     if isinstance(code, str) and not {*said, *names} <= {robot.name for robot in known_robots()}:
