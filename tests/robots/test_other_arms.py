@@ -151,7 +151,9 @@ def test_the_same_parts_are_the_same_robot_wherever_they_are_kept(
 
 
 def test_what_is_not_installed_is_named_with_what_brings_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    missing = Mounted("distribution://no-such-robots/arm.urdf", "tool0", PANDA_URDF, "panda_hand", extra="ur5")
+    missing = Mounted(
+        "distribution://no-such-robots/arm.urdf", "tool0", PANDA_URDF, "panda_hand", extra="ur5"
+    )
     with pytest.raises(StageError) as error:
         _ = replace(UR5, name="missing", urdf=missing).links
     assert str(error.value) == "the package no-such-robots is not installed; run: pip install 'rf_exp[ur5]'"
