@@ -27,7 +27,6 @@ from .foreign.runner import foreign_runners as foreign_runners
 from .foreign.spec import Foreign as Foreign
 from .foreign.spec import foreign_policy as foreign_policy
 from .inputs.coordination import sent_on as sent_on
-from .inputs.rows import narrow as narrow
 from .inputs.view import Stream as Stream
 from .inputs.view import View as View
 from .inputs.view import views as views

@@ -23,7 +23,7 @@ from rf_exp.datagen import Outcome, make_episode
 from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.findings import Account
-from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, narrow, sent_on, train
+from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, sent_on, train
 from rf_exp.processes import in_order
 from rf_exp.progress import Progress, console
 from rf_exp.stages.cell import Cell, continued, owned
@@ -136,13 +136,13 @@ def correct(cell: Cell) -> None:
         )
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
         seeds = range(first, first + experiment.dagger.rollouts)
-        made = partial(attempts, cell, partial(_corrected, scene_of(before, policies), expert, cell.task.dof))
+        made = partial(attempts, cell, partial(_corrected, scene_of(before, policies), expert))
         collect(cell, "correct", store, rows_path, seeds, None, made, became="corrected")
         keep_text(path.with_suffix(".md"), card(store))
 
 
 def _corrected(
-    act: Callable[..., tuple[Rollout, float]], expert: Callable[..., Outcome], joints: int, seed: int
+    act: Callable[..., tuple[Rollout, float]], expert: Callable[..., Outcome], seed: int
 ) -> Outcome:
     steps: list[RolloutStep] = []
     rolled, wall_s = act(seed, watch=steps.append)
@@ -155,7 +155,7 @@ def _corrected(
     moment = int(np.random.default_rng([seed, CORRECTION]).choice(moved)) if len(moved) else 0
     asked = 0
     for again in range(MOMENTS):
-        outcome = expert(seed, lead=narrow(commands[: moment >> again], joints))
+        outcome = expert(seed, lead=commands[: moment >> again])
         asked += outcome.attempts
         if outcome.success:
             break

@@ -21,7 +21,7 @@ from rf_exp.findings import Violation
 from rf_exp.observations import Declaration, Observation, observe
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.inputs.coordination import Coordinate
-from rf_exp.policy.inputs.rows import WideWorld, widened
+from rf_exp.policy.inputs.rows import narrow, widened
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.tasks import Ledger
 from rf_exp.types import (
@@ -204,8 +204,7 @@ def rollout(
     if step_limit < 1:
         raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
     scene = world.reset(seed) if start is None else start
-    if (joints := joints_of(scene.qpos).shape[1]) < ARM_JOINTS:
-        world, scene = WideWorld(world, joints), widened(scene)
+    joints = joints_of(scene.qpos).shape[1]
     commanded = sorted(agent for runner in runners for agent in runner.view.agents)
     expected = list(range(1, len(scene.qpos) + 1))
     if commanded != expected:
@@ -218,20 +217,21 @@ def rollout(
     tally = _Tally()
     while tally.steps < step_limit and not (tally.success or protective_stop(scene)):
         declared = [_declared(world, runner) for runner in runners]
-        said = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
-        for runner, seen in zip(runners, observe(scene, world, declared, said), strict=True):
+        shown = widened(scene)
+        said = coordinate(shown, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
+        for runner, seen in zip(runners, observe(shown, world, declared, said), strict=True):
             runner.think(seen)
         decision = None
         if shield is not None:
-            decision = shield(scene, {k: rows for runner in runners for k, rows in runner.ahead().items()})
+            decision = shield(shown, {k: rows for runner in runners for k, rows in runner.ahead().items()})
         for runner in runners:
             action[np.array(runner.view.agents) - 1] = runner.act(decision)
-        scene = world.step(action.copy())
+        scene = world.step(narrow(action.copy(), joints))
         states, verdict = [runner.state for runner in runners], judge(scene)
         step = RolloutStep(
             scene,
-            action.copy(),
-            {agent: chunk for state in states for agent, chunk in state.predicted.items()},
+            narrow(action.copy(), joints),
+            {agent: narrow(chunk, joints) for state in states for agent, chunk in state.predicted.items()},
             verdict,
             None if monitor is None else monitor(scene),
             None if decision is None else decision.withheld,

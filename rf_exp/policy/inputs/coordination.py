@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.types import ARM_JOINTS, Scene, what_of
+from rf_exp.types import Scene, arm_of, gripper_of, joints_of, what_of
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -61,8 +61,8 @@ def phases(numbers: NDArray[np.integer], may_go: NDArray[np.bool_], subgoals: in
 
 def sent_on(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray[np.bool_]:
     """(T, N) who is sent on in one episode with measured joints (T, N, 9) and commands (T, N, 8)."""
-    before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
-    return np.abs(action[..., :ARM_JOINTS] - before).max(axis=2) > STILL_RAD
+    before = np.concatenate([joints_of(qpos[:1]), arm_of(action[:-1])])
+    return np.abs(arm_of(action) - before).max(axis=2) > STILL_RAD
 
 
 def hesitates(action: NDArray[np.floating], executed: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -91,7 +91,7 @@ def may_go(
 ) -> NDArray[np.bool_]:
     """(T, N) of one episode with measured joints (T, N, 9) and commands (T, N, 8), intended and executed."""
     busy = sent_on(qpos, action) | hesitates(action, executed)
-    changed = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True)
+    changed = np.diff(gripper_of(action) > 0, axis=0, prepend=True)
     for late in range(GRIPPING_STEPS):
         busy[late:] |= changed[: len(changed) - late]
     later = np.maximum.accumulate(np.any(busy, axis=1)[::-1])[::-1]  # somebody moves now or later

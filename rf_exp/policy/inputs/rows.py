@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.types import ARM_JOINTS, FINGERS, Scene, World
+from rf_exp.types import ARM_JOINTS, FINGERS, Scene
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -53,19 +53,3 @@ def widened(scene: Scene) -> Scene:
     """A scene with rows as policies have them."""
     qpos, qvel = (wide(rows, FINGERS) for rows in (scene.qpos, scene.qvel))
     return scene if qpos is scene.qpos else replace(scene, qpos=qpos, qvel=qvel)
-
-
-class WideWorld:
-    """A world whose rows are as policies have them; all else is that of `world`."""
-
-    def __init__(self, world: World, joints: int) -> None:
-        self._world, self._joints = world, joints
-
-    def __getattr__(self, name: str):
-        return getattr(self._world, name)
-
-    def reset(self, seed: int) -> Scene:
-        return widened(self._world.reset(seed))
-
-    def step(self, action: NDArray[np.float64]) -> Scene:
-        return widened(self._world.step(narrow(action, self._joints)))
