@@ -5,6 +5,7 @@ from .known import robot_named as robot_named
 from .meshes import cache_folder as cache_folder
 from .meshes import is_made as is_made
 from .meshes import light_urdf as light_urdf
+from .mounted import Mounted as Mounted
 from .robot import Arm as Arm
 from .robot import Drive as Drive
 from .robot import Finger as Finger

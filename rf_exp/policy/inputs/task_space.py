@@ -60,7 +60,7 @@ def _nearest(arm: Arm, poses: NDArray[np.float64], joints: NDArray[np.float64]) 
         far = np.flatnonzero(away > CLOSE_RAD)
         if not len(far):
             break
-        found = arm.postures(poses[far, None], best[far, -1:] + turns)
+        found = arm.postures(poses[far, None], best[far, -1:] + (turns if arm.robot.spare else (0.0,)))
         found = found.reshape(len(far), -1, arm.robot.dof)
         apart = np.nan_to_num(np.abs(found - joints[far, None]).max(axis=-1), nan=np.inf)
         chosen = np.arange(len(far)), apart.argmin(axis=1)

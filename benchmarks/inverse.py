@@ -1,0 +1,56 @@
+"""What inverse kinematics cost: the closed form of each robot beside the Newton steps that serve any arm.
+
+    python benchmarks/inverse.py [--poses 100]
+
+Poses are drawn about the posture of rest. A call is for one pose; of many at once each costs less. Robots whose
+packages are not installed are left out. The last line is JSON: ms of both, CPU time of this process.
+"""
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+from rf_exp.errors import StageError
+from rf_exp.robots import Inverse, Robot, known_robots
+from rf_exp.robots.kinematics import Numeric
+
+
+def cost_ms(solver: Inverse, robot: Robot, joints: np.ndarray) -> tuple[float, float]:
+    """Of a call for one pose, and of a pose of a call for all."""
+    poses, last, limits = robot.tcp_pose(joints), joints[:, -1], robot.limits_rad
+    solver.postures(poses[0], last[0], limits)
+    began = time.process_time()
+    for pose, turn in zip(poses, last, strict=True):
+        solver.postures(pose, turn, limits)
+    each = time.process_time() - began
+    solver.postures(poses, last, limits)
+    together = time.process_time() - began - each
+    return round(1e3 * each / len(joints), 4), round(1e3 * together / len(joints), 4)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--poses", type=int, default=100)
+    poses = parser.parse_args().poses
+    found = {}
+    for robot in known_robots():
+        try:
+            rest = np.array(robot.rest_rad)
+            joints = rest + np.random.default_rng(0).uniform(-0.5, 0.5, (poses, robot.dof))
+            solvers = {"closed": robot.solver, "numeric": Numeric(robot)}
+        except StageError as error:
+            print(f"{robot.name}: {error}")
+            continue
+        for name, solver in solvers.items():
+            call, of_many = cost_ms(solver, robot, joints)
+            found.setdefault(robot.name, {})[name] = {"call_ms": call, "of_many_ms": of_many}
+            print(f"{robot.name}, {name}: {call:.2f} ms a call, {of_many:.4f} ms a pose of {poses}")
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
