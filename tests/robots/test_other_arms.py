@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.robots import DEFAULT, Arm, Robot, mounted, robot_named
+from rf_exp.robots import DEFAULT, Arm, Mounted, Robot, mounted, robot_named
 from rf_exp.robots.known import PANDA_URDF
-from rf_exp.robots.mounted import Mounted
 from rf_exp.transforms import planar
 
 XARM7, UR5 = robot_named("xarm7"), robot_named("ur5")

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rf_exp.policy import Stream
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, tcp_poses
 from rf_exp.policy.inputs.rows import GRIPPER, narrow, wide
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
-from rf_exp.policy.inputs.view import Stream
 from rf_exp.robots import DEFAULT, add_robot, known
 from rf_exp.transforms import planar
 from rf_exp.types import FINGERS
