@@ -2,8 +2,8 @@
 
     python benchmarks/inverse.py [--poses 100]
 
-Poses are drawn about the posture of rest. A call is for one pose; of many at once each costs less. Robots whose
-packages are not installed are left out. The last line is JSON: ms of both, CPU time of this process.
+Poses are drawn about the posture of rest. A call is for one pose; of many at once each costs less. Robots
+whose packages are not installed are left out. The last line is JSON: ms of both, CPU time of this process.
 """
 
 import argparse

@@ -1,6 +1,9 @@
 """Other arms from the expert to a store, and what is made of it: exports, environments, a library's cell."""
 
 import json
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import h5py
@@ -41,9 +44,9 @@ def test_the_expert_does_it_at_the_first_attempt_without_a_contact(name: str) ->
     assert outcome.success and outcome.attempts == 1 and outcome.contacts == 0, outcome.reason
 
 
-def test_the_ur5_does_it_too(name: str = "pick_meat-ur5") -> None:
+def test_the_ur5_does_it_too() -> None:
     pytest.importorskip("collada", reason="rf_exp[ur5] is not installed")
-    outcome = carried_out(task_named(name))
+    outcome = carried_out(task_named("pick_meat-ur5"))
     assert outcome.success and outcome.contacts == 0 and outcome.episode is not None, outcome.reason
     assert outcome.episode.qpos.shape[1:] == (1, 8) and outcome.episode.action.shape[1:] == (1, 7)
 
@@ -98,3 +101,29 @@ def test_a_scene_of_maniskill_with_it_is_a_cell_of_the_library() -> None:
         world.reset(0)
         cell = Workcell(world._env)
         assert [robot.model for robot in cell.task.robots] == [XARM7]
+
+
+def test_policies_of_another_arm_are_learned_and_act(tmp_path: Path) -> None:
+    """The six joints of the UR5 where it is installed, otherwise the xArm7."""
+    robot = "ur5" if find_spec("collada") else "xarm7"
+    chosen = "task=pick_meat", f"robot={robot}", "policy=state", "policy.head.refined.regression_steps=2"
+    small = (
+        "demos=2",
+        "scenes=1",
+        "films=0",
+        "recordings=0",
+        "workers=1",
+        "training.steps=2",
+        "wandb=disabled",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "rf_exp.run", *chosen, *small, "render=false", f"out={tmp_path}"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    row = next(tmp_path.glob("results/evaluate/**/*.jsonl")).read_text().splitlines()[-1]
+    assert json.loads(row)["task"] == f"pick_meat-{robot}"
+    assert (tmp_path / "report.html").read_text().count(f"Pick Meat ({robot})")

@@ -53,7 +53,7 @@ def test_it_is_found_by_its_name_and_by_its_store() -> None:
     task = named_task("ring_2x1-xarm7")
     assert task is not None and {robot.model for robot in task.robots} == {XARM7}
     task = named_task("two_robots_stack_cube-panda-xarm7")
-    assert task == task_of("task=two_robots_stack_cube", "robot=[panda,xarm7]")
+    assert task is not None and task == task_of("task=two_robots_stack_cube", "robot=[panda,xarm7]")
     assert stored_task({"task": task.name, "scene": plain(task.identity)}) == task
 
 
