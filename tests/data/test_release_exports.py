@@ -263,13 +263,23 @@ def test_what_a_format_cannot_hold_is_told(store: Store, tmp_path: Path, command
     assert code == 2 and "task is '../up'; expected a name such as lift_barrier" in error
 
 
-def test_other_arms_are_not_exported(tmp_path: Path, command: Command) -> None:
-    robot = replace(DEFAULT, name="other", title="Other", joints=tuple(f"j{k}" for k in range(7)))
-    size = "x.zarr", IDENTITY, 2, NAMES[:1], HEIGHT, WIDTH, (), False, None, (robot, robot)
+def test_other_arms_are_exported_by_their_names(tmp_path: Path, command: Command) -> None:
+    """Each with the rows of the joints that it has: beside a Panda, an arm with six."""
+    robot = replace(
+        DEFAULT,
+        name="other",
+        kind="other",
+        joints=tuple(f"j{k}" for k in range(6)),
+        rest_rad=(0.0,) * 6,
+        aside_rad=(0.0,) * 6,
+    )
+    size = "x.zarr", IDENTITY, 2, NAMES[:1], HEIGHT, WIDTH, (), False, None, (DEFAULT, robot)
     with Store.create(tmp_path / size[0], *size[1:]) as others:
         one = episode(4)
         images = {"global": one.images["global"]}
         others.append(replace(one, images=images, poses={}, judged=None, extras={}, executed=None))
-    for form in ("robofactory", "policy_lightning", "recordepisode"):
-        code, _, error = command("export", others.path, tmp_path / "y", "--format", form)
-        assert code == 2 and "is of Other; " in error and "commands of a Franka Panda" in error
+    told = one.action[:, 1, [0, 1, 2, 3, 4, 5, 7]]
+    for form, name in (("policy_lightning", "action_1"), ("recordepisode", "traj_0/actions/other-1")):
+        assert command("export", others.path, tmp_path / form, "--format", form)[0] == 0
+        with h5py.File(next((tmp_path / form).glob("*.h*5"))) as file:
+            np.testing.assert_array_equal(file[name], told)  # pyright: ignore[reportArgumentType]
