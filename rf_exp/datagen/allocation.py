@@ -106,8 +106,7 @@ def _stated(constraints: Sequence[Statement], subgoals: Sequence[Subgoal]) -> It
     """The constraints with those who were chosen. An order that one agent keeps by itself is none."""
     for each in constraints:
         known = _known(each, subgoals, each.sentence)
-        opened = known != each and isinstance(known, Before) and isinstance(known.first, Step)
-        if not (opened and known.first.agent == known.then.agent):
+        if known == each or not isinstance(known, Before) or len(set(known.agents)) == len(known.agents):
             yield known
 
 

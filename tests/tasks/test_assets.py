@@ -203,7 +203,9 @@ def test_an_asset_stands_on_a_wide_foot(name: str) -> None:
 @pytest.mark.slow
 def test_everything_stays_where_it_is_dropped() -> None:
     """Let fall from 3 mm, all of it upright and at rest within two seconds, the camera on its plinth."""
-    movable = [name for name in NAMES if not (assets.load(name).static or assets.load(name).ghost)]
+    built = {name: assets.load(name) for name in NAMES}
+    # What hangs on a hinge has no place of its own.
+    movable = [name for name, asset in built.items() if not (asset.static or asset.ghost or asset.hinge)]
     high = {name: 0.003 for name in movable} | {"camera": 0.123}
     spread = {name: (0.9 * (k % 3) - 0.6, 0.5 * (k // 3) - 0.9) for k, name in enumerate(movable)}
     objects = {

@@ -62,7 +62,7 @@ def test_a_member_is_a_task_like_any_other(name: str) -> None:
         assert {subgoal.agent for subgoal in proposal.subgoals} == set(task.agents)
     for subgoal in proposal.subgoals:
         assert subgoal.object in task.objects
-        assert subgoal.point is None or subgoal.point in task.asset(subgoal.object).points
+        assert subgoal.point is None or subgoal.point in task.asset(subgoal.object or "").points
         assert subgoal.target is None or subgoal.target in {*task.objects, *task.places(scene)}
     code = RoboChecker(task, proposal, ConstraintSet("full")).code
     assert len(code.checks) == len(proposal.constraints)
