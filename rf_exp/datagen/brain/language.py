@@ -25,10 +25,12 @@ from rf_exp.datagen.brain.talk import Chat, Connection, Message, OpenAIChat, Rep
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.statements import Proposal, Unread, samples, subgoal_forms, understood
 from rf_exp.tasks import Task
+from rf_exp.texts import shown
 from rf_exp.transforms import Matrix
 from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, ConstraintSet, Pictures, camera_names
 
 JPEG_QUALITY = 90
+LONGEST_SAID = 6000  # characters of its last answer that a model is shown
 
 
 @dataclass(frozen=True)
@@ -85,10 +87,13 @@ class LanguageBrain:
     def __init__(self, name: str, chat: Chat, *, sight: Sight | None, restates: bool) -> None:
         self.name = name
         self._chat, self._sight, self._restates = chat, sight, restates
+        self._said = ""  # the last answer, as it was written
 
     def answer(self, question: Question) -> str:
         schema = strict_answer(question.task).model_json_schema()
-        text = self._chat.ask("propose", _messages(question, self._sight), schema)
+        messages = _messages(question, self._sight, self._said if question.feedback else "")
+        self._said = ""  # where the model gives none now
+        self._said = text = self._chat.ask("propose", messages, schema)
         if not self._restates:
             return text
         try:
@@ -165,8 +170,11 @@ def constraint_forms() -> str:
     return _listed(sample.sentence for sample in samples())
 
 
-def _messages(question: Question, sight: Sight | None) -> tuple[Message, Message]:
-    """The system prompt, and what is known of the present scene, with the pictures that are to be seen."""
+def _messages(question: Question, sight: Sight | None, said: str) -> tuple[Message, Message]:
+    """The system prompt, and what is known of the present scene, with the pictures that are to be seen.
+
+    What the model has `said` last is shown to it beside what was wrong with it, so it need not guess.
+    """
     task, scene = question.task, question.scene
     system = _filled("propose", subgoals=_listed(subgoal_forms()), constraints=constraint_forms())
     text = _filled(
@@ -178,6 +186,7 @@ def _messages(question: Question, sight: Sight | None) -> tuple[Message, Message
         objects=_listed(_objects(question)),
         places=_listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
         previous=_listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
+        proposal=shown(said, LONGEST_SAID) if said else "none",
         feedback=_listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
     pictures = {} if sight is None else sight.jpegs(question.images, len(task.agents))

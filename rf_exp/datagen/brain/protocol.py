@@ -292,9 +292,10 @@ class _Answer(_Part):
 def strict_answer(task: Task) -> type[BaseModel]:
     """An answer whose JSON schema is for servers that can hold a model to one.
 
-    It lists the agents of the task, and every key is required, as strict structured output wants it.
+    It lists the agents of the task and anybody. Every key is required, as strict structured output wants it.
     """
-    names = [agent_name(agent) for agent in task.agents]
+    several = len(task.agents) > 1  # who of one does a job is no question
+    names = [agent_name(agent) for agent in (*task.agents, *((ANYBODY,) if several else ()))]
     strict = ConfigDict(extra="forbid")
     agent: Any = StrEnum("Agent", {name: name for name in names})
     subgoals: dict[str, Any] = {name: (str, ...) for name in names}

@@ -12,7 +12,7 @@ from tests.datagen.language_server import Reply, completion, failure
 
 NOTHING = json.dumps(
     {
-        "Subgoals": {"Agent_1": "", "Agent_2": ""},
+        "Subgoals": {"Agent_1": "", "Agent_2": "", "Anybody": ""},
         "Constraints": {"Logical": [], "Temporal": [], "Spatial": []},
     }
 )

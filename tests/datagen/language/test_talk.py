@@ -2,6 +2,7 @@
 
 import base64
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -51,7 +52,11 @@ def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, serv
     (request,) = server.requests
     schema = request["response_format"]["json_schema"]
     assert schema["strict"] is True
-    assert set(schema["schema"]["$defs"]["Subgoals"]["properties"]) == {"Agent_1", "Agent_2"}
+    assert set(schema["schema"]["$defs"]["Subgoals"]["properties"]) == {
+        "Agent_1",
+        "Agent_2",
+        "Anybody",
+    }
     system, user = request["messages"]
     assert "Agent_1 must grasp barrier at its left point." in system["content"]
     text = user["content"][0]["text"]
@@ -69,6 +74,20 @@ def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, serv
     assert sent is not None
     blue, green, red = sent.reshape(-1, 3).mean(axis=0)
     assert red > 240 and blue < 15 and green < 15
+
+
+def test_a_model_is_shown_what_it_said_last_and_what_was_wrong_with_it(lift_barrier, server):
+    first, second, _ = scripted_answers(lift_barrier)
+    server.replies = [completion(text) for text in (first, second, first)]
+    brain = openai_spec(server.url).make(lift_barrier, FULL, 0)
+    question = Question(lift_barrier, start_scene(lift_barrier, 0), {})
+    refused = replace(question, feedback=(rejection(lift_barrier, "wrong_direction"),))
+    for asked in (question, refused, question):
+        brain.answer(asked)
+    texts = [request["messages"][1]["content"] for request in server.requests]
+    assert [first in text for text in texts] == [False, True, False]
+    assert second not in texts[2]  # which was carried out
+    assert "something was wrong with it\nnone\n" in texts[0]
 
 
 def test_what_the_schema_allows_is_what_the_parser_reads(lift_barrier, server):
