@@ -261,6 +261,9 @@ def _starts(task: "Task") -> dict[str, NDArray[np.float64]]:
     for name, spec in task.objects.items():
         own = np.array([(x, y) for x in spec.x_m for y in spec.y_m])
         turn = np.array(spec.yaw_deg)
+        if (hinge := task.asset(name).hinge) is not None:  # also where it is shut
+            shut = planar(spec.x_m[0], spec.y_m[0], np.deg2rad(spec.yaw_deg[0]))
+            own = np.concatenate([own, (shut @ hinge.turned(np.deg2rad(spec.open_deg)))[None, :2, 3]])
         if spec.relative_to is not None:
             low, high = turns_deg[spec.relative_to]
             yaws = np.deg2rad(np.linspace(low, high, 2 + int((high - low) // 15)))
