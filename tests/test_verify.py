@@ -20,7 +20,7 @@ def told(
 ) -> tuple[int, str, str]:
     """The command, where the third seed comes out with these changes."""
 
-    def again(rows: Sequence[GenerationRow], _: Path) -> tuple[GenerationRow, ...]:
+    def again(rows: Sequence[GenerationRow], *_: object) -> tuple[GenerationRow, ...]:
         return tuple(replace(row, wall_s=9.0, **(changes if k == 2 else {})) for k, row in enumerate(rows))
 
     monkeypatch.setattr(command, "made_again", again)

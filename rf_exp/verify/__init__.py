@@ -9,6 +9,7 @@ from rf_exp.ablation import GenerationRow, read_published, read_rows
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.texts import one_line
 
+EXPERIMENTS = ("ablation",)  # whose rows lie in a folder of that name
 COMPARED = ("success", "success_paper", "steps", "attempts", "violations", "contacts")
 FEW = {"workers": 1, "render": "false", "recordings": 0, "wandb": "disabled"}  # which changes no row
 
@@ -33,11 +34,19 @@ def published(path: Path, seeds: int) -> tuple[GenerationRow, ...]:
     return tuple(row for row in rows if row.seed < first.seed + len(rows))
 
 
-def made_again(rows: Sequence[GenerationRow], out: Path) -> tuple[GenerationRow, ...]:
-    """The same seeds in a process of their own. Raises StageError where that fails."""
+def made_again(
+    rows: Sequence[GenerationRow], out: Path, experiment: str | None = None
+) -> tuple[GenerationRow, ...]:
+    """The same seeds in a process of their own, of an experiment that has scenes of its own.
+
+    Raises StageError where that fails.
+    """
     row = rows[0]
+    task, _, robots = row.task.partition("-")
     asked = {
-        **{"task": row.task, "constraints": row.constraints, "seed": row.seed, "episodes": len(rows)},
+        **({"experiment": experiment} if experiment else {}),
+        **({"robot": f"[{robots.replace('-', ',')}]" if "-" in robots else robots} if robots else {}),
+        **{"task": task, "constraints": row.constraints, "seed": row.seed, "episodes": len(rows)},
         **{"disturbance_rad": row.disturbance_rad, "delay_s": row.delay_s},
         **{"variation": row.variation, "out": out, **FEW},
     }

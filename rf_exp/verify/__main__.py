@@ -17,7 +17,7 @@ from rf_exp.command import guarded
 from rf_exp.errors import StageError
 from rf_exp.progress import console
 from rf_exp.texts import LONGEST_LINE, printable
-from rf_exp.verify import differences, made_again, published
+from rf_exp.verify import EXPERIMENTS, differences, made_again, published
 
 
 def main() -> None:
@@ -33,7 +33,8 @@ def main() -> None:
     for path in given.files:
         rows = published(path, given.seeds)
         with tempfile.TemporaryDirectory(prefix="rf_exp-verify-") as folder:
-            again = made_again(rows, Path(folder))
+            experiment = next((name for name in EXPERIMENTS if name in path.resolve().parts), None)
+            again = made_again(rows, Path(folder), experiment)
         found = list(differences(rows, again))
         for what in found:
             console.print(printable(f"{path}: {what}", LONGEST_LINE))
