@@ -142,8 +142,9 @@ def write(table: Table, folder: Path) -> list[Path]:
 def show(table: Table, console: Console) -> None:
     """On the terminal: for each column of figures a table that fits 80 characters, then the notes.
 
-    Texts stay away, but for those that tell rows of one title apart.
+    Texts stay away, but for those that tell rows of one title apart, and what nothing is known of is folded.
     """
+    table = table.folded
     console.print(Words(f"\n{table.title}", style="bold"))
     for index, after in table.compared:
         title, cells = table.columns[index].title, [line.cells[index] for line in table.lines]

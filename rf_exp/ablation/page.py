@@ -68,8 +68,10 @@ def laid(table: Table) -> dict[str, Any]:
     """A table laid out for a page.
 
     Violations stand in the field of the figure that they are of. More columns than fit side by side go on
-    below, and those of long texts follow in a table of their own that is folded away.
+    below, and those of long texts follow in a table of their own that is folded away. A note names what was
+    not measured.
     """
+    table = table.folded
     long = [i for i in range(len(table.columns)) if formats.is_long(table, i)]
     alone = (Text, Difference, Score)  # what the paper has no figure of, and no violations
     texts = [i for i, column in enumerate(table.columns) if column.kind in alone and i not in long]

@@ -1,9 +1,21 @@
 """Cells format themselves: Markdown, LaTeX and CSV of each kind, with and without a figure."""
 
+from dataclasses import replace
+
 import pytest
 
 from rf_exp.ablation import Estimate
-from rf_exp.ablation.tables.table import Cell, Length, Rate, Text, Violations
+from rf_exp.ablation.tables.table import (
+    Cell,
+    Column,
+    Length,
+    Line,
+    Rate,
+    Table,
+    Text,
+    Violations,
+    with_violations,
+)
 
 CLEAN = Estimate(0.5, 0.25, 0.75, 8)
 
@@ -72,3 +84,21 @@ def test_a_rate_without_a_violation_is_told_apart_where_it_is_another() -> None:
     assert Rate(0.75, 8, clean=CLEAN).unmended == CLEAN
     assert Rate(0.75, 8).estimate is None  # an average has no interval
     assert Rate(0.75, 8, (0.4, 0.9)).estimate == Estimate(0.75, 0.4, 0.9, 8)
+
+
+def test_what_was_not_measured_is_named_and_not_shown() -> None:
+    columns = (Column("agents", "Agents", Text), *with_violations("a", "First"), Column("b", "Second", Rate))
+    some, none = Rate(0.5, 10), Rate(None, 0)
+    lines = (
+        Line("one", "One", (Text("1"), some, Violations(0.1, 10), none)),
+        Line("two", "Two", (Text("2"), none, Violations(None, 0), none)),
+        Line("mean", "Average", (Text(""), none, Violations(None, 0), none), average=True),
+    )
+    table = Table("t", "T", "", "Task", columns, lines, ("known",))
+    folded = table.folded
+    assert [line.key for line in folded.lines] == ["one"]
+    assert [column.key for column in folded.columns] == ["agents", "a", "a_violations"]
+    assert folded.cell("one", "a") == some
+    assert folded.notes == ("known", "Not measured yet: Two.", "Not measured yet: Second.")
+    nothing = replace(table, lines=lines[1:])
+    assert nothing.folded == nothing

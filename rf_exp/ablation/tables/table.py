@@ -1,6 +1,6 @@
 """A table: columns of one kind of cell each, and lines of cells, each of which formats itself."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from rf_exp.ablation.statistics import Estimate
@@ -233,6 +233,11 @@ class Line:
     cells: tuple[Cell, ...]
     average: bool = False  # of lines above it
 
+    @property
+    def measured(self) -> bool:
+        """Whether any figure of ours is in it."""
+        return not all(map(_is_empty, self.cells))
+
 
 @dataclass(frozen=True)
 class Table:
@@ -269,9 +274,30 @@ class Table:
     @property
     def measured(self) -> bool:
         """Whether any figure of ours is in it."""
-        return any(
-            not isinstance(cell, Text) and not cell.missing for line in self.lines for cell in line.cells
-        )
+        return any(line.measured for line in self.lines)
+
+    @property
+    def folded(self) -> "Table":
+        """Itself without lines and columns that hold no figure of ours; notes name them. Else itself."""
+        if not self.measured:
+            return self
+        lines = [line for line in self.lines if line.measured]
+        some = [
+            index
+            for index, column in enumerate(self.columns)
+            if column.kind is Text or any(not _is_empty(line.cells[index]) for line in lines)
+        ]
+        columns = tuple(self.columns[index] for index in some)
+        without = [line.title for line in self.lines if not line.measured and not line.average]
+        lacking = [each.title for each in self.columns if each not in columns and not each.beside]
+        told = (f"Not measured yet: {', '.join(titles)}." for titles in (without, lacking) if titles)
+        kept = tuple(replace(line, cells=tuple(line.cells[index] for index in some)) for line in lines)
+        return replace(self, columns=columns, lines=kept, notes=(*self.notes, *told))
+
+
+def _is_empty(cell: Cell) -> bool:
+    """Whether it is no figure of ours."""
+    return isinstance(cell, Text) or cell.missing
 
 
 def with_violations(
