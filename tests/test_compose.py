@@ -85,7 +85,7 @@ def test_things_have_names() -> None:
         ("put the cube into the pot", "cube cube pot", "'cube' means 1 of 2: blue_cube, red_cube; say which"),
         ("nine arms put the cube into the pot", "cube pot", "'nine' is no number of arms; expected 1 to 6"),
         ("9 arms put the cube into the pot", "cube pot", "speaks of 9 arms; possible are 1 to 6"),
-        ("two arms put the cube into the pot", "cube pot", "2 arms, but 1 things to move"),
+        ("two arms put the cube into the pot", "cube pot", "2 arms, but things to move: 1; an arm would"),
         ("put the cube", "cube pot", "does not say where; forms: two arms put both cubes"),
         ("juggle", "cube pot", "cannot read 'juggle' of 'juggle'; forms:"),
         ("", "cube pot", "says nothing; forms:"),

@@ -134,7 +134,7 @@ def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed
     said, specs = _understood(text, specs)
     if said.arms > len(said.jobs):
         raise ArgumentError(
-            f"{said.arms} arms, but {len(said.jobs)} things to move: an arm would have nothing to do"
+            f"{said.arms} arms, but things to move: {len(said.jobs)}; an arm would have nothing to do"
         )
     layout = laid_out(said, _built(specs), specs)
     node = {

@@ -26,6 +26,8 @@ TOGETHER = tuple(name for name in TASKS if len(read_task(name).agents) > 1)
 ASIDE = REST + np.array([1.2, 0, 0, 0, 0, 0, 0])  # turned away from the other arm
 LEFT, RIGHT = (REACHING + np.array([turn, 0, 0, 0, 0, 0, 0]) for turn in (0.4, -0.8))  # of the middle
 CHUNK = 8  # targets
+# Shares of the way to another hand, of arms that stand so far apart that they meet only half-way.
+MEETING = {"three_robots_place_shoes": (0.4, 0.6)}
 
 
 def never(scene: Scene) -> Verdict:
@@ -315,7 +317,7 @@ def wild(task: Task, agent: int) -> Predict:
         goal = None
         while goal is None:
             tcp = hands[agent - 1].copy()
-            part = rng.uniform(0, 0.9)
+            part = rng.uniform(*MEETING.get(task.name, (0.0, 0.9)))
             tcp[:2, 3] += part * (others[rng.integers(len(others))] - tcp[:3, 3])[:2]
             tcp[2, 3] = rng.uniform(0.2, 0.35)
             goal = arm.solve(tcp, rest)
