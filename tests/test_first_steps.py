@@ -31,7 +31,7 @@ def test_the_first_word_names_a_command(
 
 
 def test_every_command_is_a_module_and_is_told_in_the_help() -> None:
-    said = (ROOT / "conf/config.yaml").read_text().partition("rf_exp.data: ")[2].splitlines()[0]
+    said = (ROOT / "conf/config.yaml").read_text().partition("in place of run: ")[2].splitlines()[0]
     assert set(re.findall(r"\w+", said)) == set(entry.COMMANDS)
     for name in entry.COMMANDS:
         assert (ROOT / f"rf_exp/{name}.py").exists() or (ROOT / f"rf_exp/{name}/__main__.py").exists()

@@ -187,7 +187,8 @@ HELPED = {
     "ablation": "folder with results/",
     "compose": "two arms put both cubes into the bowl",
     "laws": "a line a law for each chosen task",
-    "tasks.assets": "one of barrier, camera",
+    "verify": "Published rows of demonstrations, made again",
+    "tasks.assets": "one of barrier, box, box_lid, camera",
 }
 
 
