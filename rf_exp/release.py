@@ -12,6 +12,7 @@ checked, and put among the person's own arguments, which come last and win.
 import argparse
 import re
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -134,7 +135,7 @@ def unzipped(path: Path) -> Path:
             if (size := sum(each.file_size for each in packed.infolist())) > MOST_UNPACKED:
                 raise ArgumentError(f"{path} holds {size} bytes; a release has at most {MOST_UNPACKED}")
             packed.extractall(draft)  # never beside it, whatever names say, and no links
-    except (OSError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise ArgumentError(f"{path} cannot be unpacked: {error}") from error
     return folder
 

@@ -19,23 +19,16 @@ from rf_exp.types import FINGERS
 
 MOVES_RAD, MOVES_M = 1e-4, 1e-4  # less is no motion, over a whole store
 STILL_RAD = 0.02  # an episode in which no joint of an arm goes further shows nothing
-JUMP_RAD, JUMP_M = (
-    0.25,
-    0.25,
-)  # in one control step, 50 ms: twice what a Panda can do, and a free fall of half a second
+# In one control step, 50 ms: twice what a Panda can do, and a free fall of half a second.
+JUMP_RAD, JUMP_M = 0.25, 0.25
 ASTRAY_RAD = 0.2  # half of all commands are further from where the arm then is: they are not of this arm
 JERK, LEAST_JERK_RAD = 4.0, 2e-3  # times the median of all episodes; of less than that nothing is said
 FEWEST = 4  # episodes of which a median says something
 SHORT = 0.25  # of the median length
-LOOKED_AT = (
-    16  # episodes, evenly spread, of which the pictures are looked at: the first, one between, and the last
-)
+LOOKED_AT = 16  # episodes, evenly spread, of which pictures are looked at: first, one between, last
 DARK, BRIGHT, PLAIN = 8.0, 247.0, 1.0  # mean, and standard deviation, of a picture's levels of 255
 ALIKE = 1.0  # mean difference of two cameras in levels of 255
-DIFFERS, SURELY = (
-    0.04,
-    4.0,
-)  # of the reference's brightness, and standard errors of the difference of both means
+DIFFERS, SURELY = 0.04, 4.0  # of the reference's brightness, and standard errors of both means' difference
 
 Frames = Mapping[str, NDArray[np.uint8]]  # camera -> (E, 3, H, W, 3) of the episodes that are looked at
 

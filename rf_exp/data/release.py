@@ -13,6 +13,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT
 from rf_exp.store import Store
 from rf_exp.texts import printable
+from rf_exp.types import narrowed
 
 COMMAND = len(DEFAULT.told)  # numbers that tell an arm what to do
 MEASURED = len(DEFAULT.measured)  # joints of an arm with its fingers
@@ -82,10 +83,7 @@ def within_limits(told: NDArray[np.float32]) -> tuple[NDArray[np.float32], float
 
 def own(store: Store, agent: int, rows: NDArray[np.float32], hand: int) -> NDArray[np.float32]:
     """Of rows (..., n + hand) of an agent, from 0 on, those of the joints of its arm, and of its hand."""
-    joints = len(store.models[agent].commands) - 1
-    if rows.shape[-1] == joints + hand:
-        return rows
-    return np.concatenate([rows[..., :joints], rows[..., -hand:]], axis=-1)
+    return narrowed(rows, len(store.models[agent].commands) - 1, hand)
 
 
 def commands(store: Store, agent: int, rows: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -18,9 +18,9 @@ def fallen(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matri
     name, target = subgoal.object or "", subgoal.target or ""
     if subgoal.verb != "place" or target not in task.objects:
         return pose
-    points = task.asset(target).points
-    placing = {label: point.kind for label, point in points.items() if point.kind in ("place", "drop")}
-    if placing.get(subgoal.target_point or next(iter(placing), "")) != "drop":
+    placing = task.asset(target).placing
+    point = placing.get(subgoal.target_point or next(iter(placing), ""))
+    if point is None or point.kind != "drop":
         return pose
     x_m, y_m = pose[:2, 3]
     parts = (apply(poses[target], hull.vertices) for hull in task.asset(target).hulls)

@@ -114,9 +114,8 @@ class Robot:
 
     name: str  # the value of `model` in a task
     title: str  # for readers
-    urdf: (
-        str | Path | Mounted
-    )  # a file, package://PACKAGE/PATH of an installed Python package, or made of two
+    # A file, package://PACKAGE/PATH of an installed Python package, or one that is made of two.
+    urdf: str | Path | Mounted
     joints: tuple[str, ...]  # of the arm, from the base on
     hand: Hand
     rest_rad: tuple[float, ...]  # of the arm, when it has nothing to do

@@ -63,3 +63,4 @@ from .scene import arm_of as arm_of
 from .scene import fingers_of as fingers_of
 from .scene import gripper_of as gripper_of
 from .scene import joints_of as joints_of
+from .scene import narrowed as narrowed

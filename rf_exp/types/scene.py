@@ -131,6 +131,13 @@ def gripper_of(action: NDArray[Number]) -> NDArray[Number]:
     return action[..., -1]
 
 
+def narrowed(rows: NDArray[Number], joints: int, hand: int) -> NDArray[Number]:
+    """(..., joints + hand) of an arm with so many joints, of rows (..., D) of a task with more."""
+    if rows.shape[-1] == joints + hand:
+        return rows
+    return np.concatenate([rows[..., :joints], rows[..., -hand:]], axis=-1)
+
+
 # how far a task is done
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rf_exp.ablation import GenerationRow, read_published, read_rows
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.tasks import parted
 from rf_exp.texts import one_line
 
 EXPERIMENTS = ("ablation",)  # whose rows lie in a folder of that name
@@ -42,10 +43,10 @@ def made_again(
     Raises StageError where that fails.
     """
     row = rows[0]
-    task, _, robots = row.task.partition("-")
+    task, robots = parted(row.task)
     asked = {
         **({"experiment": experiment} if experiment else {}),
-        **({"robot": f"[{robots.replace('-', ',')}]" if "-" in robots else robots} if robots else {}),
+        **({"robot": f"[{','.join(robots)}]"} if robots else {}),
         **{"task": task, "constraints": row.constraints, "seed": row.seed, "episodes": len(rows)},
         **{"disturbance_rad": row.disturbance_rad, "delay_s": row.delay_s},
         **{"variation": row.variation, "out": out, **FEW},

@@ -8,6 +8,7 @@ import pytest
 
 from rf_exp.datagen import Planned, Planner, Settings, allocated
 from rf_exp.datagen.brain import BadAnswer, Question, ScriptedSpec, from_json, to_json
+from rf_exp.errors import ArgumentError
 from rf_exp.findings import Finding, Violation
 from rf_exp.statements import Before, ContactAt, Proposal, Step, grasping, keep_clear, read
 from rf_exp.tasks import Task, default_of, named_task
@@ -46,6 +47,11 @@ def test_an_answer_may_leave_open_who_does_a_job() -> None:
 )
 def test_sentences_about_anybody_are_read(text: str) -> None:
     assert read(text, pool().vocabulary) == ContactAt(ANYBODY, "grasp", "cube1", "center")
+
+
+def test_an_agent_that_is_counted_from_zero_is_not_anybody() -> None:
+    with pytest.raises(ArgumentError, match="Agent_0"):
+        read("Agent_0 must grasp cube1 at its center point.", pool().vocabulary)
 
 
 def test_everything_gets_an_agent_and_constraints_follow() -> None:

@@ -128,8 +128,7 @@ def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, In
 
 def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
     """The point of the target object at which something is placed or dropped."""
-    points = task.asset(subgoal.target or "").points
-    placing = {name: point for name, point in points.items() if point.kind in ("place", "drop")}
+    placing = task.asset(subgoal.target or "").placing
     name = subgoal.target_point or next(iter(placing), None)
     if name not in placing:
         about = {"object": subgoal.target, "aspect": name or "", "known": tuple(sorted(placing))}

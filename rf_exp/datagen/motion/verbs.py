@@ -128,7 +128,7 @@ def press(request: Request, state: State) -> Motion:
 def shut(request: Request, state: State) -> Motion:
     """Closed fingers sweep a hinged thing over from its back, until its own weight shuts it."""
     task, reach, agent, name = request.task, request.reach, request.agent, _required(request.subgoal.object)
-    point = task.asset(name).points[_required(request.subgoal.point)]
+    point, tiers = _met(request, state)
     hinge, begin = _required(task.asset(name).hinge), state.poses[name]
     touches = frozenset({name, _required(task.objects[name].relative_to)})
     open_rad, falls_rad = float(task.opened_rad(name, state.poses)), float(np.deg2rad(hinge.falls_deg))
@@ -151,7 +151,7 @@ def shut(request: Request, state: State) -> Motion:
         return takes_s
 
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
-    tiers, what, ahead = [contacts(begin, point)], request.subgoal.text, LookAhead(after)
+    what, ahead = request.subgoal.text, LookAhead(after)
     points = reach.timed(agent, tiers, point.standoff_m, state, touches, what, look_ahead=ahead)
     approach, state = request.segment("approach", points, state, touches)
     contact = request.tcp(state)

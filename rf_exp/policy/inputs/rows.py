@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.types import ARM_JOINTS, FINGERS, Scene
+from rf_exp.types import ARM_JOINTS, FINGERS, Scene, narrowed
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -29,9 +29,7 @@ def wide(rows: NDArray[Number], hand: int) -> NDArray[Number]:
 
 def narrow(commands: NDArray[Number], joints: int) -> NDArray[Number]:
     """(..., joints + 1) for a task whose arms have so many, of commands (..., 8)."""
-    if commands.shape[-1] == joints + GRIPPER:
-        return commands
-    return np.concatenate([commands[..., :joints], commands[..., -GRIPPER:]], axis=-1)
+    return narrowed(commands, joints, GRIPPER)
 
 
 def measured(store: "Store") -> NDArray[np.float32]:

@@ -8,7 +8,15 @@ from typing import ClassVar, Self
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import agent_name
-from rf_exp.statements.language.notation import AGENT, NUMBER, Quantity, Vector, object_name, quantity
+from rf_exp.statements.language.notation import (
+    AGENT,
+    ANYBODYS,
+    NUMBER,
+    Quantity,
+    Vector,
+    object_name,
+    quantity,
+)
 from rf_exp.statements.language.verbs import VERBS
 from rf_exp.types import ANYBODY, Kind, Subgoal
 
@@ -44,8 +52,8 @@ class Vocabulary:
         return _named(name, self.points)
 
     def agent(self, number: int, where: str) -> int:
-        """The agent of that number, or anybody. Raises ArgumentError that names those there are."""
-        if number not in (*self.agents, ANYBODY):
+        """The agent of that number. Raises ArgumentError that names those there are."""
+        if number not in self.agents:
             raise choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
         return number
 
@@ -148,8 +156,8 @@ class Words:
 
     def agents(self) -> tuple[int, ...]:
         """The agents of the sentence; where it names none those it is filed under, or else all."""
-        named = re.findall(AGENT, self["agents"]) if "agents" in self else map("agent_{}".format, self._filed)
-        return self.several(tuple(dict.fromkeys(map(self._known, named))) or self.vocabulary.agents)
+        named = map(self._known, re.findall(AGENT, self["agents"])) if "agents" in self else self._filed
+        return self.several(tuple(dict.fromkeys(named)) or self.vocabulary.agents)
 
     def pair(self) -> tuple[int, int]:
         """The two agents of a sentence that is about one and another one."""
@@ -235,6 +243,8 @@ class Words:
         return self._parts[f"{key}_{name}" if key else name]
 
     def _known(self, agent: str) -> int:
+        if agent == ANYBODYS:
+            return ANYBODY
         return self.vocabulary.agent(int(agent.removeprefix("agent_")), self._where)
 
 
@@ -294,7 +304,8 @@ class Statement(ABC):
         """Itself. Raises ArgumentError for an agent, object or point that the vocabulary does not have."""
         where = f"constraint {self.sentence!r}"
         for agent in self.agents:
-            vocabulary.agent(agent, where)
+            if agent != ANYBODY:
+                vocabulary.agent(agent, where)
         for name, point in self.names:
             vocabulary.object(name, where)
             if point is not None:

@@ -70,7 +70,8 @@ _NO_NOUN = (
 )
 _NOUN = rf"(?!(?:{_NO_NOUN})\b)\w+"
 _NAME = rf"(?:(?:the|an?|its) )?{_NOUN}(?: {_NOUN})?"
-AGENT = r"agent_\d{1,3}"
+ANYBODYS = "agent_any"  # in the place of an agent of a number
+AGENT = rf"(?:agent_\d{{1,3}}|{ANYBODYS})"
 
 _TOKENS: Mapping[str, str] = {
     "agent": rf"(?P<KEYagent>{AGENT})",

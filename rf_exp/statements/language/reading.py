@@ -16,9 +16,17 @@ from typing import Self
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import agent_name
 from rf_exp.statements.language.base import Form, Statement, Vocabulary, Words, kinds
-from rf_exp.statements.language.notation import UNITS, alternatives, compiled, found, object_name, quantity
+from rf_exp.statements.language.notation import (
+    ANYBODYS,
+    UNITS,
+    alternatives,
+    compiled,
+    found,
+    object_name,
+    quantity,
+)
 from rf_exp.statements.language.verbs import PARTS, VERBS
-from rf_exp.types import ANYBODY, Kind, Subgoal
+from rf_exp.types import Kind, Subgoal
 
 MAX_LENGTH = 300  # characters; a constraint is one sentence
 _LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
@@ -115,7 +123,7 @@ def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
     for short, long in _SHORT.items():
         sentence = re.sub(rf"\b{short}\b", long, sentence)
     sentence = _SEVERAL.sub(lambda match: re.sub(r"(\d+)", r"agent_\1", match[1]), sentence)
-    sentence = _ANYBODY.sub(f"agent_{ANYBODY}", _ONE.sub(r"agent_\1", sentence))
+    sentence = _ANYBODY.sub(ANYBODYS, _ONE.sub(r"agent_\1", sentence))
 
     def named(match: re.Match[str]) -> str:
         agent = vocabulary.sides.get(match[1])

@@ -17,10 +17,8 @@ ENAMEL, RIM, IRON = (0.10, 0.24, 0.42), (0.55, 0.58, 0.62), (0.05, 0.05, 0.06)
 RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
 
 
-SPOT_M, OVER_M = (
-    0.042,
-    0.088,
-)  # of two things side by side: from the middle, and let go with the hand over the rim
+# Of two things side by side: from the middle, and let go so high that the hand is over the rim.
+SPOT_M, OVER_M = 0.042, 0.088
 
 
 def build(spots: int = 1, closes: bool = False) -> Asset:

@@ -194,6 +194,11 @@ class Asset:
         said = {"parts": parts, "points": points, **hung, **{name: getattr(self, name) for name in rest}}
         return digest(said)
 
+    @property
+    def placing(self) -> Mapping[str, InteractionPoint]:
+        """Its points at which something is placed or dropped; the first is the usual one."""
+        return {name: point for name, point in self.points.items() if point.kind in ("place", "drop")}
+
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """(2, 3) lowest and highest corner of all parts in the frame of the asset."""
