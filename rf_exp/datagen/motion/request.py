@@ -130,7 +130,7 @@ def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
     """The point of the target object at which something is placed or dropped."""
     placing = task.asset(subgoal.target or "").placing
     name = subgoal.target_point or next(iter(placing), None)
-    if name not in placing:
+    if name is None or name not in placing:
         about = {"object": subgoal.target, "aspect": name or "", "known": tuple(sorted(placing))}
         finding = Finding.NO_POINT if placing or name else Finding.NO_PLACE
         raise Unreachable(Cause.REACH, finding, (subgoal.agent,), **about)
