@@ -15,9 +15,9 @@ INTRODUCTION = """\
 # The tasks
 
 Written by `python docs/tasks.py` from `conf/task/` and the task modules; a test compares. `make gallery`
-makes a contact sheet with all views and a film of each task.
+makes these pictures, a sheet with all views, and a film of each task.
 
-![Start, middle and end of an expert episode of each task](images/gallery.png)
+![Every task in the middle of an expert episode](images/gallery.jpg)
 
 Every seed draws a start: where things stand and how they are turned, a little noise on the rest posture of
 every arm, the brightness of the light and of every colour. Every arm is a Franka Panda with a camera view
@@ -66,7 +66,8 @@ def section(task: Task) -> str:
         strict,
     ]
     filled = [textwrap.fill(line, 108, subsequent_indent="  " * line.startswith("- ")) for line in lines]
-    return f"## {task.title}\n\n{filled[0]}\n\n{filled[1]}\n\n{filled[2]}\n{filled[3]}\n"
+    shown = f"![{task.title}: start, middle and end of an expert episode](images/tasks/{task.name}.jpg)"
+    return f"## {task.title}\n\n{filled[0]}\n\n{filled[1]}\n\n{shown}\n\n{filled[2]}\n{filled[3]}\n"
 
 
 def document() -> str:

@@ -1,6 +1,7 @@
 """Progress of long work: a bar on a terminal, a line now and then elsewhere.
 
-Both show the rate and, where things can fail, the success so far.
+Both show how much is done, the rate and, where things can fail, the success so far. On a narrow terminal what
+is too long is cut, but never the counts and the time that is left.
 """
 
 import sys
@@ -9,13 +10,16 @@ from collections.abc import Iterable
 from typing import Any, Self
 
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.segment import Segment
+from rich.table import Column
+from rich.text import Text
 
 from rf_exp.texts import shown
 
 LINE_EVERY_S = 20.0
+BAR_WIDTH = 12  # characters: a title, counts, time and a note fit beside it into 80
 
 
 class Screen(Console):
@@ -68,7 +72,8 @@ class Progress:
         self._total = total or self._total
         self._note = note or self._note
         if self._bar is not None:
-            text = f"{self._rate():.3g} {self._unit}/s  {self._note}"
+            rate = f"{self._rate():.3g} {self._unit}/s"
+            text = f"{self._note}, {rate}" if self._note else rate
             self._bar.update(self._bar.task_ids[0], completed=self._done, total=self._total, note=text)
         elif time.perf_counter() - self._said > LINE_EVERY_S:
             self._say()
@@ -86,13 +91,26 @@ class Progress:
             console.print(f"{self._title}: {done} at {self._rate():.3g}/s{note}")
 
 
+class _Shortened(ProgressColumn):
+    """Words on one line, whose end is cut where they would push the counts off the screen."""
+
+    def __init__(self, field: str) -> None:
+        super().__init__()
+        self._field = field
+
+    def render(self, task: Task) -> Text:
+        words = task.description if self._field == "title" else task.fields[self._field]
+        return Text(words, no_wrap=True, overflow="ellipsis")
+
+
 def _bar(title: str, total: int, done: int) -> Bar:
+    kept = {"no_wrap": True}  # a column of a table that is not made narrower while others can be
     columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}", markup=False),
-        TimeRemainingColumn(),
+        _Shortened("title"),
+        BarColumn(BAR_WIDTH, table_column=Column(**kept)),
+        MofNCompleteColumn(table_column=Column(**kept)),
+        TimeRemainingColumn(compact=True, table_column=Column(**kept)),
+        _Shortened("note"),
     )
     bar = Bar(*columns, console=console)
     bar.add_task(title, total=total, completed=done, note="")

@@ -50,12 +50,13 @@ def test_every_task_gets_a_sheet_and_a_film_and_all_share_one(command, tmp_path:
     made = {path.name for path in folder.iterdir()}
     assert made == {
         "gallery.png",
-        *(f"{t}.{s}" for t in ("pick_meat", "lift_barrier") for s in ("png", "mp4")),
+        *(f"{t}.{s}" for t in ("pick_meat", "lift_barrier") for s in ("png", "jpg", "mp4")),
     }
     one, two = (np.asarray(Image.open(folder / f"{t}.png")) for t in ("pick_meat", "lift_barrier"))
     assert two.shape[1] > one.shape[1]  # a column for each camera
     both = Image.open(folder / "gallery.png")
-    assert both.width > 1500 and np.asarray(both).std() > 20
+    assert both.width > 900 and np.asarray(both).std() > 20
+    assert Image.open(folder / "pick_meat.jpg").width > 1400  # three moments beside one another
     frames, size, rate, codec = film_of(folder / "lift_barrier.mp4")
     assert (rate, codec) == (20, "h264") and size[0] % 2 == size[1] % 2 == 0
     seconds = float(result.stdout.split("lift_barrier: seed 3, ")[1].split(" s")[0])
@@ -85,7 +86,7 @@ def test_a_task_that_nobody_solves_does_not_keep_the_others_from_being_shown(com
     )
     assert "lift_barrier: none of the 2 seeds from 0 on succeeded, the last: failed: " in result.stdout
     assert {path.name for path in (tmp_path / "gallery").iterdir()} == {
-        *("gallery.png", "pick_meat.png", "pick_meat.mp4")
+        *("gallery.png", "pick_meat.png", "pick_meat.jpg", "pick_meat.mp4")
     }
 
 
@@ -129,6 +130,9 @@ def test_words_belong_to_their_step(place_food: Task) -> None:
         moving = np.array([[line.moving for line in lines] for lines in performance.lines])[1:]
         assert moved[~moving].max() < 1e-9
         assert (moved[moving] > 1e-6).mean() > 0.7  # the rest closes or opens fingers
+        left, top, right, bottom = performance.part  # of the picture, in its proportions
+        assert 0 <= left < right <= 64 and 0 <= top < bottom <= 48
+        assert (right - left) / (bottom - top) == pytest.approx(64 / 48) and right - left < 64
         # Nearly all that differs between the stills is what was moved.
         assert np.abs(start.pictures["global"].astype(int) - end.pictures["global"]).max() > 50
         with pytest.raises(

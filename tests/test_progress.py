@@ -1,5 +1,6 @@
 """What a log without a terminal shows of long work, and curves read while they are written."""
 
+import re
 import sys
 
 import pytest
@@ -46,6 +47,23 @@ def test_what_a_model_said_is_text_and_never_markup(terminal, capsys, monkeypatc
         bar.advance(note=MARKUP)
     said = capsys.readouterr().out
     assert f"seed 3 failed: {MARKUP}" in said and f"bake {MARKUP}" in said and said.count(MARKUP) >= 3
+
+
+@pytest.mark.parametrize("columns", [60, 80])
+def test_a_narrow_terminal_keeps_counts_and_the_time_that_is_left(columns, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("TERM", "xterm")
+    with Progress("evaluate three_robots_stack_cube/full/separate_local, shielded", 2000, "scenes") as bar:
+        bar.advance(1500, note="1480 of 1500 scenes succeeded")
+        bar.advance(1)
+        shown = bar._bar
+        assert shown is not None
+        shown.refresh()
+    said = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().out)
+    drawn = [line for line in said.replace("\r", "\n").splitlines() if "1501/2000" in line and "━" in line]
+    assert drawn and all(re.search(r"1501/2000 +(--:--|\d\d:\d\d)", line) for line in drawn)
+    assert all(len(line) <= columns and "…" in line for line in drawn)
 
 
 HEAD = "step,steps,epoch,loss,learning_rate,samples_per_s,core_s\n"

@@ -10,6 +10,7 @@ from .results import load as load
 from .results import of_training_seed as of_training_seed
 from .results import read_published as read_published
 from .results import read_rows as read_rows
+from .results import rollout_file as rollout_file
 from .results import rollout_name as rollout_name
 from .results import rows_file as rows_file
 from .results import worth_seeing as worth_seeing

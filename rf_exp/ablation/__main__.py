@@ -23,9 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     except RfError as error:
         complaints.print(f"error: {error}")
         return 2 if isinstance(error, ArgumentError) else 1
-    for table in built.values():
-        if table.measured:
-            show(table, console)
+    show(built.values(), console)
     console.print(f"tables in {out / 'tables'}, report in {report}")
     return 0
 

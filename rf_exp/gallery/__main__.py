@@ -1,6 +1,6 @@
 """The gallery: what each task looks like when it is done well.
 
-python -m rf_exp.gallery task=all                     a contact sheet and a film of every task
+python -m rf_exp.gallery task=all                     two sheets and a film of every task, and a sheet of all
 python -m rf_exp.gallery task=place_food seed=7       of one, from scene seed 7 on
 
 Takes the keys of `python -m rf_exp.run`. Pictures are larger than those that policies see, whatever
@@ -15,7 +15,7 @@ from rf_exp.artifacts import whole
 from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment, read_experiment
-from rf_exp.gallery.draw import contact_sheet, film, overview, panel
+from rf_exp.gallery.draw import contact_sheet, film, overview, panel, strip
 from rf_exp.gallery.performance import Performance, perform
 from rf_exp.progress import console
 from rf_exp.sim import Simulator
@@ -23,6 +23,7 @@ from rf_exp.tasks import Task
 
 WIDTH_PX, HEIGHT_PX = 640, 480
 TRIES = 20  # seeds, one after the other
+QUALITY = 85  # of JPEG
 
 register_all_tasks()
 
@@ -51,12 +52,14 @@ def main(config: DictConfig) -> None:
                 console.print(f"{task.name}: {error}")
                 failed.append(task.name)
                 continue
-            panels.append(panel(task, performance.stills))
+            panels.append(panel(task, performance))
+            with whole(folder / f"{task.name}.jpg") as draft:
+                strip(task, performance).save(draft, quality=QUALITY)
             with whole(folder / f"{task.name}.png") as draft:
                 contact_sheet(task, performance.stills, performance.seed).save(draft)
             with whole(folder / f"{task.name}.mp4") as draft:
                 film(draft, task, performance, world)
-            console.print(f"{task.name}: {folder / task.name}.png, {task.name}.mp4")
+            console.print(f"{task.name}: {folder / task.name}.png, .jpg and .mp4")
     if panels:
         with whole(folder / "gallery.png") as draft:
             overview(panels).save(draft)

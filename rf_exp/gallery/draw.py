@@ -1,12 +1,13 @@
 """A performance on sheets and as a film, with words that can be read."""
 
+import textwrap
 from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
 
 from PIL import Image
 
-from rf_exp.gallery.performance import Line, Performance, Still, play
+from rf_exp.gallery.performance import Line, Part, Performance, Still, play
 from rf_exp.sim import Simulator
 from rf_exp.statements import agent_name
 from rf_exp.tasks import Task
@@ -29,10 +30,11 @@ from rf_exp.viz.frames import (
 
 TITLE_PX = 26  # size of letters
 THUMB_PX = (400, 300)  # a picture on the sheet of a task
-TILE_PX = (288, 216)  # a picture on the sheet of all tasks
+TILE_PX = (480, 360)  # a picture on the strip of a task, and on the sheet of all tasks
+CAPTION, CAPTION_LINES = 54, 4  # letters on a line below a picture of that sheet, and lines
 EVERY = 2  # control steps from one frame to the next: at 20 frames a second, twice as fast as real
 REST_FRAMES = 20  # the last frame stays a while
-COLUMNS = 2  # tasks beside one another on the sheet of all
+COLUMNS = 3  # tasks beside one another on the sheet of all
 
 
 def contact_sheet(task: Task, stills: Sequence[Still], seed: int) -> Image.Image:
@@ -58,20 +60,41 @@ def contact_sheet(task: Task, stills: Sequence[Still], seed: int) -> Image.Image
     return sheet
 
 
-def panel(task: Task, stills: Sequence[Still]) -> Image.Image:
-    """One task on the sheet of all: its global view at each still, its title and its number of arms."""
-    width, height = TILE_PX
-    size = (len(stills) * (width + 4) - 4, height + TEXT_PX + 14)
+def strip(task: Task, performance: Performance) -> Image.Image:
+    """Start, middle and end of an episode beside one another, from near, with the subgoals below."""
+    stills, (width, height) = performance.stills, TILE_PX
+    size = (len(stills) * (width + GAP_PX) - GAP_PX, height + GAP_PX + LINE_PX * len(task.agents))
     sheet, draw = blank(size)
-    write(draw, (2, 2), task.title, TEXT_PX)
-    title_px = int(draw.textlength(task.title, font(TEXT_PX)))
-    write(draw, (title_px + 14, 4), _robots(task), SMALL_PX, SOFT)
     for column, still in enumerate(stills):
-        sheet.paste(scaled(still.pictures["global"], TILE_PX), (column * (width + 4), TEXT_PX + 14))
+        x = column * (width + GAP_PX)
+        sheet.paste(_near(still, performance.part), (x, 0))
+        label(draw, (x, 0), f"{still.title}, {still.time_s:.1f} s", INK)
+        write_lines(draw, (x, height + GAP_PX), _marked(still.lines))
     return sheet
 
 
+def panel(task: Task, performance: Performance) -> Image.Image:
+    """One task on the sheet of all: its global view from near when most are at work, and what is asked."""
+    width, height = TILE_PX
+    sheet, draw = blank((width, height + 2 * GAP_PX + TITLE_PX + CAPTION_LINES * LINE_PX))
+    sheet.paste(_near(performance.stills[1], performance.part), (0, 0))
+    write(draw, (2, height + GAP_PX), task.title, TITLE_PX)
+    title_px = int(draw.textlength(task.title, font(TITLE_PX)))
+    write(draw, (title_px + 14, height + GAP_PX + 8), _robots(task), TEXT_PX, SOFT)
+    # What lies there is in the picture; who does what comes after it.
+    asked = task.description.partition(". ")[2] or task.description
+    for row, line in enumerate(textwrap.wrap(asked, CAPTION, max_lines=CAPTION_LINES, placeholder=" ...")):
+        write(draw, (2, height + 2 * GAP_PX + TITLE_PX + row * LINE_PX), line, TEXT_PX, INK)
+    return sheet
+
+
+def _near(still: Still, part: Part) -> Image.Image:
+    """That part of the global view, as large as a tile."""
+    return Image.fromarray(still.pictures["global"]).resize(TILE_PX, Image.Resampling.LANCZOS, box=part)
+
+
 def overview(panels: Sequence[Image.Image]) -> Image.Image:
+    """All tasks on one sheet."""
     columns, gap = min(COLUMNS, len(panels)), 2 * GAP_PX
     width, height = panels[0].width + gap, panels[0].height + gap
     sheet, _ = blank((gap + columns * width, gap + ceil(len(panels) / columns) * height))

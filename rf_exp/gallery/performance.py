@@ -4,7 +4,7 @@ The same actions from the same seed give the same episode, so only what is shown
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,13 @@ from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.errors import StageError
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator
-from rf_exp.types import CONTROL_DT_S, Scene, activity
+from rf_exp.types import CONTROL_DT_S, CameraModel, Scene, activity
 
+HAND_M = 0.12  # of a hand above its fingertips, which shall be seen as well
+ROOM = 1.3  # of what is shown, to what has to be
+CLOSEST = 0.55  # part of a picture that is shown at least
 Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
+Part = tuple[float, float, float, float]  # of a picture: left, top, right and bottom, pixels
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,7 @@ class Performance:
     """A successful episode and the three moments that are shown of it."""
 
     seed: int
+    part: Part  # of the global view, in which all of it happens
     actions: NDArray[np.float64]  # (T, N, A)
     lines: tuple[tuple[Line, ...], ...]  # (T, N)
     stills: tuple[Still, ...]
@@ -61,6 +66,7 @@ class Prompter(NullObserver):
 
     def __init__(self) -> None:
         self.actions: list[NDArray[np.float64]] = []
+        self.scenes: list[Scene] = []
         self.lines: list[tuple[Line, ...]] = []
         self.touching: list[int] = []  # agents that hold or push something
         self._plan: Planned | None = None
@@ -73,6 +79,7 @@ class Prompter(NullObserver):
         assert self._plan is not None  # nothing moves without a plan
         step = len(self.lines) - self._since + 1
         self.actions.append(action)
+        self.scenes.append(scene)
         holding = enumerate(scene.held, start=1)
         self.lines.append(tuple(_line(self._plan, agent, step, held) for agent, held in holding))
         held = {agent for agent, name in enumerate(scene.held, start=1) if name}
@@ -96,11 +103,15 @@ def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performanc
     actions, lines = np.stack(prompter.actions), tuple(prompter.lines)
     moments = {"start": 0, "middle": _middle(prompter.touching), "end": len(actions)}
     shown = {step: pictures for step, pictures in play(world, seed, actions, set(moments.values()))}
-    unseen = Performance(seed, actions, lines, ())
+    scenes = [prompter.scenes[max(0, step - 1)] for step in moments.values()]
+    part = _around(
+        world.camera_models()["global"], np.concatenate([_places_m(world, each) for each in scenes])
+    )
+    unseen = Performance(seed, part, actions, lines, ())
     stills = tuple(
         Still(title, step * CONTROL_DT_S, shown[step], unseen.line(step)) for title, step in moments.items()
     )
-    return Performance(seed, actions, lines, stills), ""
+    return replace(unseen, stills=stills), ""
 
 
 def _middle(touching: list[int]) -> int:
@@ -113,6 +124,25 @@ def _middle(touching: list[int]) -> int:
     at_work = np.array(touching)[steps]
     busy = steps[at_work == at_work.max()]
     return int(busy[np.abs(busy - len(touching) / 2).argmin()])
+
+
+def _places_m(world: Simulator, scene: Scene) -> NDArray[np.float64]:
+    """(K, 3) where things are, and hands from their fingertips up."""
+    arms = zip(world.task.arms.values(), scene.qpos, strict=True)
+    hands = np.array([arm.tcp(qpos)[:3, 3] for arm, qpos in arms])
+    things = np.array([pose[:3, 3] for pose in scene.poses.values()])
+    return np.concatenate([things, hands, hands + np.array([0, 0, HAND_M])])
+
+
+def _around(camera: CameraModel, places_m: NDArray[np.float64]) -> Part:
+    """The part of a camera's picture, in its proportions, that has all of these places (K, 3) well inside."""
+    camera_from_world = np.linalg.inv(camera.world_from_camera)
+    seen = (places_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]) @ camera.intrinsics.T
+    pixels, size = seen[:, :2] / seen[:, 2:], np.array([camera.width_px, camera.height_px])
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    share = np.clip(ROOM * ((high - low) / size).max(), CLOSEST, 1.0)
+    left, top = np.clip((low + high) / 2 - share * size / 2, 0, (1 - share) * size).tolist()
+    return left, top, left + share * camera.width_px, top + share * camera.height_px
 
 
 def play(

@@ -2,9 +2,11 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from rf_exp.ablation import Results, configured, formats, load
 from rf_exp.ablation.tables import build
@@ -50,6 +52,15 @@ def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
     text = "".join(shown(table) for table in build(load(out), configured()).values())
     assert "[31.3, 83.2] n=10" in text
     assert "predefined threshold" not in text
+
+
+def test_what_is_to_be_said_of_several_tables_is_said_once(out: Path) -> None:
+    tables, terminal = build(load(out), configured()), io.StringIO()
+    several = [replace(table, notes=("of them all",)) for table in tables.values()]
+    assert sum(table.measured for table in several) > 1
+    formats.show(several, Console(file=terminal, width=80))
+    assert terminal.getvalue().count("- of them all") == 1
+    assert [each.title for each in several if not each.measured and each.title in terminal.getvalue()] == []
 
 
 @pytest.mark.slow
