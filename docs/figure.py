@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from rf_exp.ablation import Estimate
 
-INK, FAINT, OURS, PAPER = "#24292f", "#d8dee4", "#0969da", "#bc4c00"  # read on white, which it brings along
+# On no ground of their own: each can be read on a light page and on a dark one.
+INK, FAINT, OURS, PAPER = "#768390", "#76839055", "#2f81f7", "#d9702e"
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",  # the text of a figure can be read, searched and compared
     "svg.hashsalt": "policies",
@@ -48,7 +49,7 @@ def figure(panels: Sequence[Panel]) -> str:
         grid[-1].legend(handles, labels, loc="center", frameon=False)
         buffer = io.StringIO()
         metadata = {"Date": None, "Description": described(panels)}
-        drawn.savefig(buffer, format="svg", metadata=metadata)
+        drawn.savefig(buffer, format="svg", metadata=metadata, transparent=True)
     return re.sub(r" +$", "", buffer.getvalue(), flags=re.MULTILINE)
 
 
@@ -67,7 +68,7 @@ def described(panels: Sequence[Panel]) -> str:
 def _panel(axes: Axes, panel: Panel) -> None:
     title, ours, paper = panel
     demos = sorted(ours)
-    theirs: dict[str, Any] = {"color": PAPER, "mfc": "white", "ms": 4.5, "lw": 1.1, "label": "the paper"}
+    theirs: dict[str, Any] = {"color": PAPER, "mfc": "none", "ms": 4.5, "lw": 1.1, "label": "the paper"}
     axes.plot(sorted(paper), [100 * paper[n] for n in sorted(paper)], "D--", **theirs)
     own: dict[str, Any] = {"color": OURS, "ms": 5, "lw": 1.8, "label": "rf_exp, strict, 95 % interval"}
     axes.plot(demos, [100 * ours[n].value for n in demos], "o-", **own)

@@ -22,7 +22,15 @@ from omegaconf.errors import OmegaConfBaseException
 from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.installed import CONF
-from rf_exp.keys import arranged, checked_folder, keys_are_in, keys_of_files, no_key, refuse_unknown_keys
+from rf_exp.keys import (
+    arranged,
+    checked_folder,
+    keys_are_in,
+    keys_of_files,
+    keys_told,
+    no_key,
+    refuse_unknown_keys,
+)
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.progress import complaints
 from rf_exp.secrets import refuse_keys
@@ -34,6 +42,7 @@ WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
 # Before Hydra makes the folder of its records.
 OmegaConf.register_new_resolver("folder", checked_folder, replace=True)
 OmegaConf.register_new_resolver("file_name", lambda choice: PurePosixPath(choice).name, replace=True)
+OmegaConf.register_new_resolver("keys_told", keys_told, replace=True)
 
 
 def register_all_tasks() -> None:

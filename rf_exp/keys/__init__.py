@@ -5,6 +5,7 @@ Any other key would be ignored, so it is refused, with its nearest.
 
 from rf_exp.keys.arguments import arranged, checked_folder
 from rf_exp.keys.refusal import RENAMED, keys_are_in, keys_of_files, no_key, refuse_unknown_keys
+from rf_exp.keys.told import keys_told
 
 __all__ = [
     "RENAMED",
@@ -12,6 +13,7 @@ __all__ = [
     "checked_folder",
     "keys_are_in",
     "keys_of_files",
+    "keys_told",
     "no_key",
     "refuse_unknown_keys",
 ]

@@ -137,7 +137,7 @@ def blueprint(
 
 
 def _scene() -> rrb.Tabs:
-    """The scene with the occupancy that is checked, and without."""
+    """The scene, and in a tab behind it the same with the occupancy that is checked, which hides much."""
     views = [
         rrb.Spatial3DView(
             name=name,
@@ -149,7 +149,7 @@ def _scene() -> rrb.Tabs:
             ),
             overrides={"world/occupancy": rrb.EntityBehavior(visible=visible)},
         )
-        for name, visible in (("scene with occupancy", True), ("scene", False))
+        for name, visible in (("scene", False), ("scene with occupancy", True))
     ]
     return _tabs(*views)
 
