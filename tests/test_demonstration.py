@@ -51,6 +51,17 @@ def test_a_mistake_and_its_repair_are_on_the_page(page):
 
 
 @pytest.mark.slow
+def test_a_browser_shows_the_same(page):
+    shown = page.with_suffix(".html").read_text()
+    assert "<title>Lift Barrier: one demonstration</title>" in shown
+    for number, heading in enumerate(re.findall(r"\n## (.*)", page.read_text()), start=1):
+        assert f'<a href="#part-{number}">{heading}</a>' in shown and f'<h2 id="part-{number}">' in shown
+    assert shown.count("<table>") == len(re.findall(r"^\|(?: ?-+ ?\|)+$", page.read_text(), re.MULTILINE))
+    assert set(re.findall(r'<img src="(.*?)"', shown)) == set(re.findall(r"\]\((.*?)\)", page.read_text()))
+    assert "|---|" not in shown and "```" not in shown and "<script" not in shown
+
+
+@pytest.mark.slow
 def test_every_check_of_a_plan_is_decided_in_one_of_its_phases(page):
     shown = page.read_text().split("\n## ")[2]
     phases_of_it = shown.split("\n### ")[1:]

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.errors import ArgumentError
-from rf_exp.keys import RENAMED
+from rf_exp.keys import RENAMED, keys_told
 from rf_exp.keys.known import known, possible, unknown
 from rf_exp.keys.refusal import content, nearest
 from rf_exp.tasks import SuccessEvaluator, load_task
@@ -285,3 +285,16 @@ def test_a_threshold_that_a_task_lacks_is_told() -> None:
     said = "the task's module reads success.push_n, which its file does not have; it has hold_steps, psh_n"
     with pytest.raises(ArgumentError, match=re.escape(said)):
         SuccessEvaluator(task, scene)(scene)
+
+
+def test_help_says_of_each_key_what_it_is_with_its_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    told, default = keys_told(), OmegaConf.load(CONF / "config.yaml")
+    lines = told.splitlines()
+    for key in set(map(str, default)) - {"defaults", "hydra"}:
+        assert any(line.startswith(f"{key}:") for line in lines), key
+    at = lines.index("attempts: 4")
+    assert lines[at + 1].strip() == "proposals for one episode before it counts as failed"
+    assert "  connect_s: 30" in lines and "-- evaluation" in lines
+    assert "recipe: $${file_name:" in told  # a single one would be filled in
+    assert all(len(line) <= 80 for line in lines)

@@ -19,7 +19,7 @@ from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim import close_shared_simulator, shared_simulator
-from rf_exp.types import Pictures
+from rf_exp.types import CONTROL_DT_S, Pictures
 
 SEEDS = 20  # tried for one success
 
@@ -47,7 +47,7 @@ def main(config: DictConfig) -> None:
 
 
 def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
-    """Makes the episode of a seed; for a success `<task>-<seed>.md`, `.rrd` and `.json` in `folder`."""
+    """Makes the episode of a seed; of a success `<task>-<seed>.html`, `.md`, `.rrd`, `.json` in `folder`."""
     task, constraint_set = settings.task, settings.constraint_set
     world, trace = shared_simulator(task, pictures), Trace()
     notes = Notes(task, settings.make_brain(seed))
@@ -65,7 +65,9 @@ def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path)
         write_json(
             page.with_suffix(".json"), {"certificate": plain(outcome.episode.certificate), "stl": plans}
         )
-        console.print(f"wrote {page} and {page.with_suffix('.rrd').name} beside it")
+        console.print(f"{task.name}, seed {seed}: success after {outcome.steps * CONTROL_DT_S:.1f} s")
+        console.print(f"page: {page.with_suffix('.html')}")
+        console.print(f"recording: rerun {page.with_suffix('.rrd')}")
     else:
         page.with_suffix(".rrd").unlink()
     return outcome

@@ -1,4 +1,4 @@
-"""A demonstration as a Markdown page with its pictures and formulas; templates/page.md says how it reads."""
+"""A demonstration as a page with its pictures and formulas; templates/page.md says how it reads."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +12,7 @@ from rf_exp.constraints import CheckedPlan
 from rf_exp.constraints.stl import Execution, installed, judged, signals
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
+from rf_exp.demonstration.webpage import webpage
 from rf_exp.findings import Violation
 from rf_exp.statements import Statement
 from rf_exp.texts.markdown import Markdown, block, cell, code, table
@@ -66,7 +67,7 @@ def write_page(
     plans: Sequence[Mapping[str, Any]],
     end: Picture | None,
 ) -> None:
-    """Writes `path` (.md) and, beside it, a folder of the same name with the pictures.
+    """Writes `path` (.md), the same for a browser (.html), and a folder of the same name with the pictures.
 
     `plans`: of each round that was executed what it is in signal temporal logic.
     """
@@ -104,6 +105,7 @@ def write_page(
         ),
     )
     write_text(path, page)
+    write_text(path.with_suffix(".html"), webpage(page))
 
 
 def _round(

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
+from rf_exp.demonstration.webpage import webpage
 from rf_exp.texts.markdown import block, cell, code, table, text
-from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, skeleton, structure
+from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, Skeleton, skeleton, structure
 
 READERS = pytest.mark.parametrize("extensions", EXTENSIONS, ids=lambda each: "-".join(each[:2]) or "none")
 
@@ -29,6 +30,16 @@ def test_words_change_nothing_of_a_page_but_its_words(
     tags, words = structure(lines(word, payload), extensions)
     assert tags == structure(lines(word, MARK), extensions)[0]
     assert words.count(MARK) >= 10
+
+
+@pytest.mark.parametrize("word", [text, code])
+@pytest.mark.parametrize("payload", MARKUP)
+def test_a_web_page_has_no_tag_of_theirs(payload: str, word: Callable[[str], str]) -> None:
+    found, plain = Skeleton(), Skeleton()
+    for parsed, said in ((found, payload), (plain, MARK)):
+        parsed.feed(webpage(lines(word, said)))
+        parsed.close()
+    assert found.tags == plain.tags and found.words.count(MARK) >= 10
 
 
 @READERS
