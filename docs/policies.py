@@ -47,10 +47,6 @@ ABLATED = (
     *("rollouts with a violation", "core-minutes"),
 )
 ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
-LIMIT = (
-    *("task", "twice the expert's mean", "limits of rows", "rows with another", "successes in them"),
-    "of them later than twice the expert's mean",
-)
 MOST = 3  # kinds of failures that are told of a policy
 START = "paper_short"  # where the ablation begins
 ABLATION = ROOT / "conf" / "experiment" / "policy_ablation.yaml"
@@ -285,31 +281,10 @@ def step_limit(task: str) -> int:
     return read_task(CONFIGURED / f"{task}.yaml").step_limit
 
 
-def limits(rows: Sequence[EvaluationRow]) -> dict[str, object]:
-    """Which rows were measured with another step limit than their task's, and what that gave them."""
-    found: dict[str, list[EvaluationRow]] = {}
-    for row in rows:
-        if row.arch != FOREIGN.name:
-            found.setdefault(row.task, []).append(row)
-    lines = []
-    for task in [*paper().levels, *sorted({*found} - {*paper().levels})]:
-        other = [row for row in found.get(task, []) if row.step_limit != step_limit(task)]
-        if not other:
-            continue
-        told = ", ".join(map(str, sorted({row.step_limit for row in other})))
-        won = [row for row in other if row.success]
-        late = sum(row.steps > step_limit(task) for row in won)
-        counts = map(str, (len(other), len(won), late))
-        lines.append((title_of(task, configured()), str(step_limit(task)), told, *counts))
-    every = [row for group in found.values() for row in group]
-    won = [row for row in every if row.success]
-    return {
-        "table": table(LIMIT, lines),
-        "rows": len(every),
-        "other": sum(row.step_limit != step_limit(row.task) for row in every),
-        "succeeded": len(won),
-        "later": sum(row.steps > step_limit(row.task) for row in won),
-    }
+def limits(rows: Sequence[EvaluationRow]) -> dict[str, int]:
+    """The successes of our policies, and how many of them came later than the limit of their task is now."""
+    won = [row for row in rows if row.success and row.arch != FOREIGN.name]
+    return {"succeeded": len(won), "later": sum(row.steps > step_limit(row.task) for row in won)}
 
 
 def hours(found: Cells) -> tuple[str, str]:

@@ -24,6 +24,7 @@ TILE_IN = 2.9  # side of one coordination diagram
 LEGEND_IN = 0.35
 COLUMNS = 3
 WIDTH_IN, LANE_IN = 10.0, 0.5  # of the picture of lanes
+LETTERS = 170  # of subgoals, that fit along a lane
 RIBBON = 0.035  # width of the coloured path beside a diagram, as a part of its side
 
 
@@ -143,9 +144,12 @@ def _lane(axes: Axes, trajectory: Trajectory, schedule: Schedule) -> None:
         colour = _hex(primitive_colour(span.segment.primitive))
         axes.broken_barh([(first, last - first)], (row - 0.2, 0.4), facecolor=colour, edgecolor=FACE, lw=0.6)
         begins.setdefault(span.segment.subgoal.text, first)
-    for text, first in begins.items():
+    whole_s = max(len(schedule), 1) * CONTROL_DT_S
+    for (text, first), until in zip(begins.items(), [*[*begins.values()][1:], whole_s], strict=True):
+        room = int(LETTERS * (until - first) / whole_s)
+        shown = text if len(text) <= room else f"{text[: max(0, room - 1)]}…"
         axes.plot([first, first], [row - 0.42, row + 0.2], color=TEXT, lw=0.8)
-        axes.text(first, row - 0.27, f" {text}", va="bottom", fontsize=7.5, clip_on=True)
+        axes.text(first, row - 0.27, f" {shown}", va="bottom", fontsize=7.5, clip_on=True)
 
 
 def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple[Mask, Rgb]]) -> None:
