@@ -22,7 +22,7 @@ from rf_exp.types import CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Sc
 from rf_exp.viz import Mesh, Panels, Recorder, camera_entity, link_entity, object_entity, text
 from rf_exp.viz.text import CheckResult
 
-OCCUPANCY_EVERY = DISTANCES_EVERY = 2  # control steps
+OCCUPANCY_EVERY = DISTANCES_EVERY = PICTURES_EVERY = 2  # control steps
 TRAIL_STEPS = 2 * CONTROL_HZ  # of the hand, shown behind it
 HIGHEST = 3.0  # a number that is further off than this many bounds is drawn there
 TABLE_M = (2.4, 2.4, 0.02)  # what is drawn of the table
@@ -225,7 +225,8 @@ class RolloutRecorder(SceneRecorder):
             self._recorder.predicted(agent, step.scene.step, chunk)
             ahead = self._arms[agent - 1].tcp(chunk)[:, :3, 3]
             self._recorder.path(agent, "predicted", ahead)
-        self.look(step.scene, step.action, self._world.images())
+        pictures = self._world.images() if step.scene.step % PICTURES_EVERY == 0 else None
+        self.look(step.scene, step.action, pictures)
         if step.detections != self._detections:
             self._detections = step.detections
             self._recorder.detections(step.detections)

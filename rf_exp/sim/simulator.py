@@ -95,7 +95,9 @@ class LoadedScene:
         for robot, rows, row in zip(self.robots, self._rows, rows_of_arms, strict=True):
             robot.set_qpos(rows.active(row).astype(np.float32))
         for name, pose in poses.items():
-            self.bodies[name].set_pose(sapien.Pose(pose[:3].tolist(), pose[3:].tolist()))
+            (self.bodies.get(name) or self.clutter[name]).set_pose(
+                sapien.Pose(pose[:3].tolist(), pose[3:].tolist())
+            )
         self.steps += 1
 
     def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
@@ -159,7 +161,7 @@ class Simulator:
     def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray[np.floating]]) -> None:
         """Put arms and things where they were measured at the next control step; nothing is simulated.
 
-        `qpos` (N, D) rad and metres; `poses` object -> (7,) position in m and quaternion w, x, y, z.
+        `qpos` (N, D) rad and metres; `poses` thing -> (7,) position in m and quaternion w, x, y, z.
         """
         self._loaded.place(qpos, poses)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from rf_exp import recording
+from rf_exp import recording, sim
 from rf_exp.ablation import (
     FILM,
     PICTURE,
@@ -41,7 +41,6 @@ from rf_exp.policy import (
 )
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
-from rf_exp.sim import shared_simulator
 from rf_exp.stages.cell import Cell, known_rows, owned, same_configuration
 from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import SuccessEvaluator, Task, drawn_of
@@ -201,12 +200,12 @@ def evaluate_scene(
     began = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
-    world = shared_simulator(task, pictures)
+    world = sim.shared_simulator(task, pictures)
     start = world.reset(seed)
-    task = world.task  # as it stands in this scene
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
-        observers = _observers(stack, world, seed, record, film)
+        observers = _observers(stack, task, pictures, world, seed, record, film)
+        task = world.task  # as it stands in this scene
         for observer in observers:
             observer.begun(start)
 
@@ -230,15 +229,30 @@ def evaluate_scene(
 
 
 def _observers(
-    stack: ExitStack, world: "Simulator", seed: int, record: Path | None, film: Path | None
-) -> "list[recording.RolloutRecorder | recording.RolloutFilm]":
-    task, observers = world.task, []
+    stack: ExitStack,
+    task: Task,
+    pictures: Pictures,
+    world: "Simulator",
+    seed: int,
+    record: Path | None,
+    film: Path | None,
+) -> "list[recording.RolloutRecorder | recording.RolloutFilm | recording.Onlooker]":
+    """Who writes the files that are named, of pictures in which people see something."""
+    observers, large = [], pictures.enlarged
+    if record is None and film is None:
+        return observers
+    if pictures.render and large != pictures:
+        shown = stack.enter_context(sim.Simulator(task, width_px=large.width, height_px=large.height))
+        observers.append(recording.Onlooker(shown, seed))
+    else:
+        shown = world
     if record is not None:
         draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
-        observers.append(stack.enter_context(recording.RolloutRecorder(draft, task, world, title)))
+        recorder = recording.RolloutRecorder(draft, world.task, shown, title)
+        observers.append(stack.enter_context(recorder))
     if film is not None:
         draft, picture = (stack.enter_context(whole(path)) for path in (film, film.with_suffix(PICTURE)))
-        observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, task, world)))
+        observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, world.task, shown)))
     return observers
 
 

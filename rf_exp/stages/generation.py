@@ -179,7 +179,9 @@ def _record(cell: Cell, seeds: Sequence[int]) -> None:
         path = cell.recording_path("generate", seed)
         if path.exists():
             continue
-        world = shared_simulator(task, cell.experiment.pictures)
+        # What depth cameras see decides the plan, so of that pictures keep their size.
+        pictures = cell.experiment.pictures
+        world = shared_simulator(task, pictures.enlarged if settings.occupancy == "state" else pictures)
         title = f"{task.title}, {cell.constraint_set.name}, scene {seed}"
         world.reset(seed)  # cameras and arms are recorded where they stand in this scene
         with whole(path) as draft, recording.EpisodeRecorder(draft, world.task, world, title) as recorder:

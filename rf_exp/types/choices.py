@@ -1,10 +1,11 @@
 """What is chosen for an experiment: constraints, architecture, cameras, and what a scene looks like."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from rf_exp.errors import ArgumentError, choices
 
+SEEN_PX = 240  # height in which people see what happens; policies need less
 SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes of the largest ones take gigabytes
 UNVARIED = "none"  # scenes that differ by where things start, and a little in light and colour
 Kind = Literal["logical", "temporal", "spatial"]
@@ -60,6 +61,13 @@ class Pictures:
             if not SMALLEST_PX <= side <= LARGEST_PX:
                 possible = f"{SMALLEST_PX} to {LARGEST_PX} pixels"
                 raise ArgumentError(f"picture.{name} is {side}; possible are {possible}")
+
+    @property
+    def enlarged(self) -> "Pictures":
+        """The same for people: at least `SEEN_PX` high."""
+        if self.height >= SEEN_PX:
+            return self
+        return replace(self, width=min(LARGEST_PX, self.width * SEEN_PX // self.height), height=SEEN_PX)
 
     def of(self, agents: int) -> tuple[str, ...]:
         """The names of the cameras for so many agents."""
