@@ -104,12 +104,11 @@ class _Shortened(ProgressColumn):
 
 
 def _bar(title: str, total: int, done: int) -> Bar:
-    kept = {"no_wrap": True}  # a column of a table that is not made narrower while others can be
-    columns = (
+    columns = (  # those of a table that are not wrapped are not made narrower while others can be
         _Shortened("title"),
-        BarColumn(BAR_WIDTH, table_column=Column(**kept)),
-        MofNCompleteColumn(table_column=Column(**kept)),
-        TimeRemainingColumn(compact=True, table_column=Column(**kept)),
+        BarColumn(BAR_WIDTH, table_column=Column(no_wrap=True)),
+        MofNCompleteColumn(table_column=Column(no_wrap=True)),
+        TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
         _Shortened("note"),
     )
     bar = Bar(*columns, console=console)

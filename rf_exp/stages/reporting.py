@@ -50,10 +50,9 @@ def reached(experiment: Experiment) -> Iterator[str]:
 
 def following(experiment: Experiment) -> str:
     """A command to go on with: the paper's next task, or after several tasks all of them."""
-    tasks = [*paper().levels]
-    if len(experiment.tasks) > 1:
+    tasks, (last, *others) = [*paper().levels], [task.name for task in experiment.tasks]
+    if others:
         return "python -m rf_exp.run -m experiment=benchmark"
-    last = experiment.tasks[0].name
     after = tasks.index(last) + 1 if last in tasks else 0
     return f"python -m rf_exp.run task={tasks[after % len(tasks)]}"
 

@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 
+import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
 from rf_exp.policy import train
 from rf_exp.recording.film import HEIGHT_PX
+from rf_exp.recording.recorders import PICTURES_EVERY
 from rf_exp.stages import evaluate_policies, generate_data
 from rf_exp.store import Store
 from rf_exp.tasks import SuccessEvaluator
+from rf_exp.types.choices import SEEN_PX
 from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.conftest import cell_of, experiment
 from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
@@ -125,7 +128,10 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
     assert f"**Failed after {STEPS * 0.05:.2f} s**" in verdict and row.reason.split("; ")[0] in verdict
     assert "| **not yet** | lifted | " in verdict and "> 0.15" in verdict
     pictures = content.column("/world/cameras/global", "EncodedImage:blob")
-    assert len(pictures) == STEPS + 1
+    assert len(pictures) == 1 + STEPS // PICTURES_EVERY
+    [blob] = pictures[-1]
+    picture = cv2.imdecode(np.asarray(blob, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None and picture.shape[0] == SEEN_PX > HEIGHT  # of what the policy looks at
 
 
 @pytest.mark.render
