@@ -15,9 +15,8 @@ from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import StageError
 from rf_exp.gallery import __main__ as gallery
-from rf_exp.gallery import play
+from rf_exp.gallery import perform, play
 from rf_exp.gallery.draw import EVERY, REST_FRAMES
-from rf_exp.gallery.performance import perform
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet

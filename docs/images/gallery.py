@@ -4,15 +4,14 @@ from pathlib import Path
 
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.gallery.__main__ import QUALITY
-from rf_exp.gallery.draw import overview, panel, strip
-from rf_exp.gallery.performance import perform
+from rf_exp.gallery import overview, panel, perform, strip
 from rf_exp.installed import CONF
 from rf_exp.sim import Simulator
 from rf_exp.tasks import read_task
 from rf_exp.types import ConstraintSet
 
 HERE = Path(__file__).parent
+QUALITY = 85  # of JPEG
 WIDTH_PX, HEIGHT_PX = 1280, 960  # more than is shown: smooth edges, also of what is seen from near
 
 

@@ -1,5 +1,5 @@
 """Pictures and films of expert episodes: `python -m rf_exp.gallery task=all out=outputs`."""
 
-from rf_exp.gallery.performance import play
+import lazy_loader
 
-__all__ = ["play"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, load, worth_seeing
+from rf_exp.ablation import EvaluationRow, load, rollout_file, worth_seeing
 from rf_exp.ablation.report import learnt_from
-from rf_exp.ablation.results import rollout_file
 from rf_exp.findings import NOTHING, Account, Closest, Lost, Touch, Unmet
 from tests.ablation.conftest import evaluation
 
