@@ -23,7 +23,10 @@ def main(arguments: list[str] | None = None) -> int:
     except RfError as error:
         complaints.print(f"error: {error}")
         return 2 if isinstance(error, ArgumentError) else 1
-    show(built.values(), console)
+    said = set[str]()
+    for table in built.values():
+        if table.measured:
+            show(table, console, said)
     console.print(f"tables in {out / 'tables'}, report in {report}")
     return 0
 

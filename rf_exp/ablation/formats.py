@@ -7,7 +7,7 @@ On the terminal each column is a table of its own, narrow enough for 80 characte
 
 import csv
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -139,25 +139,25 @@ def write(table: Table, folder: Path) -> list[Path]:
     return paths
 
 
-def show(tables: Iterable[Table], console: Console) -> None:
-    """On the terminal: of each table that has figures, a column after the other; then all notes, once each.
+def show(table: Table, console: Console, said: set[str] | None = None) -> None:
+    """On the terminal: for each column of figures a table that fits 80 characters, then the notes.
 
-    A column fits 80 characters. Texts stay away, but for those that tell rows of one title apart, and what
-    nothing is known of is folded.
+    Texts stay away, but for those that tell rows of one title apart, and what nothing is known of is folded.
+    Notes that were `said` of another table are not said again; those of this one are put there.
     """
-    folded = [table.folded for table in tables if table.measured]
-    for table in folded:
-        console.print(Words(f"\n{table.title}", style="bold"))
-        for index, after in table.compared:
-            title, cells = table.columns[index].title, [line.cells[index] for line in table.lines]
-            if any(isinstance(cell, Rate | Length) and not cell.missing for cell in cells):
-                console.print(
-                    Words(f"\n{title}", style="italic"), _column(table, index, after), sep="\n", end=""
-                )
-            else:
-                console.print(Words.assemble((f"\n{title}", "italic"), f": {MISSING}"))
-    for note in dict.fromkeys(note for table in folded for note in notes(table)):
-        console.print(Words(f"- {note}"), soft_wrap=False)
+    said = set[str]() if said is None else said
+    table = table.folded
+    console.print(Words(f"\n{table.title}", style="bold"))
+    for index, after in table.compared:
+        title, cells = table.columns[index].title, [line.cells[index] for line in table.lines]
+        if any(isinstance(cell, Rate | Length) and not cell.missing for cell in cells):
+            console.print(Words(f"\n{title}", style="italic"), _column(table, index, after), sep="\n", end="")
+        else:
+            console.print(Words.assemble((f"\n{title}", "italic"), f": {MISSING}"))
+    for note in notes(table):
+        if note not in said:
+            console.print(Words(f"- {note}"), soft_wrap=False)
+        said.add(note)
 
 
 def _column(table: Table, index: int, after: int | None) -> Grid:

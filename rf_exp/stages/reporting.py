@@ -24,7 +24,10 @@ def write_tables(experiment: Experiment) -> None:
     """Writes tables and report, prints the tables that have figures, what was reached, and where to look."""
     with owned(experiment.out / "report.html"):
         tables, report = publish(experiment.out, {**configured(), **facts(experiment.tasks)})
-    show([tables[name] for name in SHOWN if name in tables], console)
+    said = set[str]()  # by one table, so that the next one need not say it again
+    for name in SHOWN:
+        if name in tables and tables[name].measured:
+            show(tables[name], console, said)
     console.print("")
     for line in reached(experiment):
         console.print(line)

@@ -113,7 +113,7 @@ def shown(table: Table, styled: bool = False) -> str:
     """The table on a terminal of 80 columns."""
     terminal = io.StringIO()
     formats.show(
-        [table],
+        table,
         Console(file=terminal, width=80, force_terminal=styled, color_system="standard" if styled else None),
     )
     return terminal.getvalue()
