@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.artifacts import write_json
-from rf_exp.data.release import camera_name, commands, environment, own
+from rf_exp.data.release import commands, environment, own
 from rf_exp.data.target import Advance, last, library
 from rf_exp.robots import DEFAULT
 from rf_exp.store import Store
+from rf_exp.tasks import camera_name
 from rf_exp.transforms import Matrix, inverse, position_and_quaternion
 from rf_exp.types import FINGERS, Episode
 

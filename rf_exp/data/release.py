@@ -1,6 +1,5 @@
-"""What the authors' release calls tasks, arms and cameras, and what it tells its arms.
+"""What the authors' release calls tasks, and what it tells its arms.
 
-Its arms and cameras count from 0, where agents here count from 1; where there is one arm it numbers neither.
 A command is seven joint targets in rad and a gripper from -1 closed to 1 open, at 20 Hz.
 """
 
@@ -21,9 +20,6 @@ ROUNDING = 1e-5  # of a number that is at a limit
 FARTHEST = np.pi  # beyond a limit, rad: what is farther off is no joint target
 
 _TASK = re.compile(r"[a-z][a-z0-9_]{0,63}")
-_THEIRS = re.compile(r"(head|hand)_cam(?:era)?_(?:agent)?(\d{1,2})")
-_OURS = re.compile(r"(agent|hand)([1-9]\d?)")
-_GLOBAL = "head_camera_global"
 
 
 def checked_task(name: object) -> str:
@@ -46,28 +42,6 @@ def task_of(name: str) -> str:
     camel, found, _ = name.partition("-rf")
     task = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", camel).lower()
     return task if found and _TASK.fullmatch(task) else ""
-
-
-def camera_of(name: str, agents: int) -> str:
-    """What a camera of the release is called here; a name of another kind stays."""
-    if name in ("head_camera", "head_cam"):
-        return "agent1" if agents == 1 else "global"  # one that serves all
-    if name in (_GLOBAL, "head_cam_global"):
-        return "global"
-    found = _THEIRS.fullmatch(name)
-    return f"{'agent' if found[1] == 'head' else 'hand'}{int(found[2]) + 1}" if found else name
-
-
-def camera_name(camera: str, agents: int) -> str:
-    """What the release calls a camera of ours."""
-    if camera == "global":
-        return _GLOBAL
-    if camera == "agent1" and agents == 1:
-        return "head_camera"
-    found = _OURS.fullmatch(camera)
-    if found is None:
-        return camera
-    return f"{'head_camera_agent' if found[1] == 'agent' else 'hand_camera_'}{int(found[2]) - 1}"
 
 
 def within_limits(told: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:

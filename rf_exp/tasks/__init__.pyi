@@ -1,6 +1,8 @@
 from . import assets as assets
 from . import predicates as predicates
 from . import shared as shared
+from .robofactory.names import camera_name as camera_name
+from .robofactory.names import camera_of as camera_of
 from .task.configuration import CONFIGURED as CONFIGURED
 from .task.configuration import check_words as check_words
 from .task.configuration import default_of as default_of

@@ -26,7 +26,8 @@ from rf_exp.data.importing.source import (
     ordered,
     refused,
 )
-from rf_exp.data.release import camera_of, within_limits
+from rf_exp.data.release import within_limits
+from rf_exp.tasks import camera_of
 from rf_exp.types import Episode
 
 LACKS = ("poses", "calibration", "velocities", "success", "seeds", "subgoals", "certificates")

@@ -32,9 +32,10 @@ from rf_exp.data.importing.source import (
 from rf_exp.data.importing.standing import SAME, Stand, planar_of, spec_of
 from rf_exp.data.importing.trajectory import Survey, Trajectory
 from rf_exp.data.recordepisode import CONTROL_MODE, ROOT, SUCCESS
-from rf_exp.data.release import MEASURED, camera_of, task_of, within_limits
+from rf_exp.data.release import MEASURED, task_of, within_limits
 from rf_exp.data.target import last
 from rf_exp.store import POSE, Description
+from rf_exp.tasks import camera_of
 from rf_exp.types import CONTROL_HZ, UNITS, CameraModel, Episode, Judged
 
 FORM = "trajectories of ManiSkill's RecordEpisode"

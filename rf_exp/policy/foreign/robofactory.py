@@ -1,0 +1,184 @@
+"""Policies of the authors' release and of the challenge, for `foreign.factory`: docs/foreign.md.
+
+foreign.factory=rf_exp.policy.foreign.robofactory:checkpoint   its .ckpt files: tensors, no code of it runs
+foreign.factory=rf_exp.policy.foreign.robofactory:submission   an entry's DeployPolicy, which is code
+"""
+
+import importlib.util
+import sys
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy.foreign.diffusion import ReleasedPolicy, read_policy
+from rf_exp.policy.inputs.view import ACTION_SIZE
+from rf_exp.policy.learning.checkpoint import device_of
+from rf_exp.tasks import camera_name, camera_of
+from rf_exp.transforms import inverse
+
+MOMENTS = 3  # that the release's policies look at
+SIZE_PX = 240, 320  # height and width of what the release's cameras take
+GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+class Checkpoints:
+    """Networks of the release, one for each arm or one for all, shown as many moments as they learn from."""
+
+    def __init__(self, networks: Sequence[ReleasedPolicy]) -> None:
+        self._networks = networks
+        self.observation_steps = max(network.said.moments for network in networks)
+        self._seen: deque[Mapping[str, Any]] = deque(maxlen=self.observation_steps)
+        self._generators: list[torch.Generator] = []
+
+    def reset(self, seed: int) -> None:
+        """Forgets the episode before; all noise of the next comes from its seed and the network's number."""
+        self._seen.clear()
+        drawn = [np.random.SeedSequence([seed, row]) for row, _ in enumerate(self._networks)]
+        # On the CPU, so that the noise does not depend on the device.
+        self._generators = [torch.Generator().manual_seed(int(each.generate_state(1)[0])) for each in drawn]
+
+    def observe(self, observation: Mapping[str, Any]) -> None:
+        """One moment. Before an episode's start its first one repeats, as in training."""
+        self._seen.extend([observation] * (1 if self._seen else self.observation_steps))
+
+    def act(self, observation: Mapping[str, Any]) -> NDArray[np.float32]:
+        """(T, N, 8), as many steps as the networks execute. Raises StageError for another number of arms."""
+        agents, expected = len(observation["qpos"]), sum(network.agents for network in self._networks)
+        if agents != expected:
+            raise StageError(f"the checkpoints command {expected} arms, and the task has {agents}")
+        if not self._seen:
+            raise StageError("a checkpoint looks at several moments, which only foreign.factory shows")
+        first, chunks = 0, []
+        for network, generator in zip(self._networks, self._generators, strict=True):
+            own = slice(first, first + network.agents)
+            seen = [*self._seen][-network.said.moments :]
+            told = np.stack([each["commanded"][own].reshape(-1) for each in seen]).astype(np.float32)
+            pictures = {name: self._taken(network, name, first, seen) for name in network.said.cameras}
+            chunk = network.act(pictures, told, generator)
+            chunks.append(chunk.reshape(len(chunk), network.agents, ACTION_SIZE))
+            first += network.agents
+        steps = min(map(len, chunks))
+        return np.concatenate([chunk[:steps] for chunk in chunks], axis=1)
+
+    def _taken(
+        self, network: ReleasedPolicy, name: str, first: int, seen: Sequence[Mapping[str, Any]]
+    ) -> NDArray[np.uint8]:
+        """(O, H, W, 3) of what one camera took. A network of one arm has that arm's own camera."""
+        camera = camera_of(name, network.agents)
+        camera = f"agent{first + 1}" if camera == "agent1" and network.agents == 1 else camera
+        known = network.said.cameras[name]
+        return np.stack([picture(each, camera, (known.height, known.width)) for each in seen])
+
+
+class Submission:
+    """The DeployPolicy of an entry, given observations as ManiSkill's, with a batch of one."""
+
+    def __init__(self, policy: Any, observation_steps: int) -> None:
+        self._policy, self.observation_steps = policy, observation_steps
+
+    def reset(self, seed: int) -> None:
+        """Draws what is random from the seed of the scene, as the challenge does."""
+        np.random.seed(seed % 2**32)
+        torch.manual_seed(seed)
+        self._policy.reset()
+
+    def observe(self, observation: Mapping[str, Any]) -> None:
+        """One moment."""
+        self._policy.update_obs(as_maniskill(observation))
+
+    def act(self, observation: Mapping[str, Any]) -> NDArray[np.floating]:
+        """(T, N * 8)."""
+        return np.stack([np.asarray(action).reshape(-1) for action in self._policy.get_action()])
+
+
+def picture(observation: Mapping[str, Any], camera: str, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """(H, W, 3) of a camera. Raises StageError where it is not observed, or in another size."""
+    found = observation.get(f"rgb_{camera}")
+    if found is None:
+        seen = ", ".join(sorted(key for key in observation if key.startswith("rgb_"))) or "none"
+        raise StageError(
+            f"it looks through camera {camera!r}; observed are {seen}: foreign.observations.cameras"
+        )
+    if found.shape[:2] != size:
+        raise StageError(
+            f"camera {camera!r} gives pictures {found.shape[1]} x {found.shape[0]}, and it has learned from "
+            f"others; use picture='{{width: {size[1]}, height: {size[0]}}}'"
+        )
+    return found
+
+
+def as_maniskill(observation: Mapping[str, Any]) -> dict[str, Any]:
+    """An observation as the release's environments give it: tensors with a batch of one, their names."""
+    agents = len(observation["qpos"])
+    joints = [
+        {key: torch.from_numpy(observation[key][row])[None] for key in ("qpos", "qvel")}
+        for row in range(agents)
+    ]
+    cameras = [key.removeprefix("rgb_") for key in observation if key.startswith("rgb_")]
+    data: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
+    for camera in cameras:
+        name = camera_name(camera, agents)
+        data[name] = {"rgb": torch.from_numpy(picture(observation, camera, SIZE_PX))[None]}
+        if (stands := observation.get(f"world_from_camera_{camera}")) is not None:
+            given = {
+                "extrinsic_cv": inverse(stands)[:3],
+                "cam2world_gl": stands @ GL_FROM_CV,
+                "intrinsic_cv": observation[f"intrinsics_{camera}"],
+            }
+            as_tensors = {key: torch.from_numpy(each.astype(np.float32))[None] for key, each in given.items()}
+            parameters[name] = as_tensors
+    arms = joints[0] if agents == 1 else {f"panda-{row}": each for row, each in enumerate(joints)}
+    return {"agent": arms, "extra": {}, "sensor_param": parameters, "sensor_data": data}
+
+
+def checkpoint(
+    paths: str | Sequence[str],
+    sampler: str | None = None,
+    inference_steps: int | None = None,
+    device: str = "auto",
+) -> Checkpoints:
+    """The policy of a `.ckpt`, or of those of all arms in their order.
+
+    It samples as its file says, unless `sampler` (ddpm, ddim) and `inference_steps` say otherwise.
+    """
+    files = [Path(each) for each in ([paths] if isinstance(paths, str) else paths)]
+    if not files:
+        raise ArgumentError("foreign.options.paths is empty; expected a .ckpt, or one for each arm")
+    networks = [read_policy(path, sampler, inference_steps) for path in files]
+    return Checkpoints([network.to(device_of(device)) for network in networks])
+
+
+def submission(folder: str, checkpoint: str | None = None, observation_steps: int = MOMENTS) -> Submission:
+    """An entry of the challenge: `custom_policy/deploy_policy.py` in its folder, which is run.
+
+    It is given `checkpoint`, the only file in `checkpoints/` unless it is named, and shown the last
+    `observation_steps` moments before each call.
+    """
+    code = Path(folder) / "custom_policy/deploy_policy.py"
+    if not code.is_file():
+        raise ArgumentError(f"there is no {code}; expected the folder of a submission")
+    there = sorted((Path(folder) / "checkpoints").glob("*.ckpt"))
+    if checkpoint is None and len(there) != 1:
+        names = ", ".join(each.name for each in there) or "none"
+        raise ArgumentError(f"{folder}/checkpoints holds {names}; name one: foreign.options.checkpoint")
+    weights = Path(checkpoint) if checkpoint else there[0]
+    if not weights.is_file():
+        raise ArgumentError(f"there is no {weights}; expected the checkpoint of a submission")
+    if observation_steps < 1:
+        raise ArgumentError(f"observation_steps is {observation_steps}; expected at least 1")
+    sys.path.insert(0, str(code.parent.resolve()))  # for what lies beside it, as in the challenge
+    spec = importlib.util.spec_from_file_location("deploy_policy", code)
+    assert spec is not None and spec.loader is not None
+    module = sys.modules["deploy_policy"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = getattr(module, "DeployPolicy", None)
+    if made is None:
+        raise ArgumentError(f"{code} has no class DeployPolicy")
+    return Submission(made(str(weights)), observation_steps)

@@ -1,0 +1,195 @@
+"""Tensors of a `.ckpt` that PyTorch's `torch.save` wrote, and plain values beside them; never its code.
+
+Such a file is a ZIP archive: `data.pkl`, a pickle of what was saved, and the bytes of each tensor in a file
+of its own. A pickle names functions and calls them, which could be any. Here it may name what a checkpoint of
+Diffusion Policy is made of, and something that does nothing stands in for each: nothing is imported.
+"""
+
+import pickle
+import zipfile
+from collections import OrderedDict
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from io import BytesIO
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.store import decoding
+from rf_exp.texts import printable
+
+LARGEST_PICKLE = 2**26  # bytes
+DTYPES = {
+    "FloatStorage": torch.float32,
+    "DoubleStorage": torch.float64,
+    "HalfStorage": torch.float16,
+    "BFloat16Storage": torch.bfloat16,
+    "LongStorage": torch.int64,
+    "IntStorage": torch.int32,
+    "ShortStorage": torch.int16,
+    "CharStorage": torch.int8,
+    "ByteStorage": torch.uint8,
+    "BoolStorage": torch.bool,
+}
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A tensor whose bytes have not been read."""
+
+    key: str  # of its file
+    dtype: torch.dtype
+    items: int  # in its file
+    offset: int
+    size: tuple[int, ...]
+    stride: tuple[int, ...]
+
+
+class Checkpoint:
+    """What one file holds: `saved`, plain values with `Stored` in the place of tensors, and their bytes."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises ArgumentError for what is no such file or names code, StageError for one that is damaged."""
+        if not path.is_file():
+            raise ArgumentError(f"there is no file {path}; expected a .ckpt")
+        self.path = path
+        with self._blames():
+            if not zipfile.is_zipfile(path):
+                raise ArgumentError(
+                    f"{path} is no checkpoint: expected the ZIP archive that torch.save writes"
+                )
+            self._archive = zipfile.ZipFile(path)
+            names = self._archive.namelist()
+            pickles = [each for each in names if each.endswith("/data.pkl")]
+            if len(pickles) != 1:
+                raise ArgumentError(f"{path} is no checkpoint: it has {len(pickles)} data.pkl; expected one")
+            self._folder = pickles[0].removesuffix("data.pkl")
+            order = f"{self._folder}byteorder"
+            if order in names and self._bytes(order) != b"little":
+                raise ArgumentError(f"{path} was written with the high byte first; expected little-endian")
+            if (size := self._archive.getinfo(pickles[0]).file_size) > LARGEST_PICKLE:
+                raise ArgumentError(f"{path}: its pickle has {size} bytes; expected at most {LARGEST_PICKLE}")
+            self.saved = plain(_Restricted(path, self._bytes(pickles[0])).load())
+
+    def tensor(self, stored: Stored) -> Tensor:
+        """Its numbers. Raises StageError where the file has not all of them."""
+        with self._blames():
+            data = bytearray(self._bytes(f"{self._folder}data/{stored.key}"))
+            if len(data) != stored.items * stored.dtype.itemsize:
+                raise ValueError(f"storage {stored.key!r} has {len(data)} bytes, not {stored.items} numbers")
+            flat = torch.frombuffer(data, dtype=stored.dtype) if data else torch.empty(0, dtype=stored.dtype)
+            return flat.as_strided(stored.size, stored.stride, stored.offset).contiguous()
+
+    def _bytes(self, name: str) -> bytes:
+        """A file of the archive, which is as long as it lies there."""
+        about = self._archive.getinfo(name)
+        if about.compress_type != zipfile.ZIP_STORED:
+            raise ArgumentError(f"{self.path} is no checkpoint: {printable(name)} in it is compressed")
+        return self._archive.read(name)
+
+    def _blames(self) -> AbstractContextManager[None]:
+        return decoding(self.path, lambda why: StageError(f"{self.path} is damaged {why}"))
+
+
+def plain(value: Any, seen: dict[int, Any] | None = None) -> Any:
+    """What was saved, with OmegaConf's nodes as the mappings, lists and values that they hold."""
+    seen = {} if seen is None else seen  # what is held many times is made once
+    if id(value) not in seen:
+        if isinstance(value, _Inert):
+            found = plain(vars(value).get("_content", vars(value).get("_val")), seen)
+        elif isinstance(value, Mapping):
+            found = {key: plain(each, seen) for key, each in value.items()}
+        else:
+            found = [plain(each, seen) for each in value] if isinstance(value, list | tuple) else value
+        seen[id(value)] = found
+    return seen[id(value)]
+
+
+class _Inert:
+    """An object of a class that was not imported: its state, whatever it was made of."""
+
+    def __new__(cls, *_: object) -> "_Inert":
+        return super().__new__(cls)
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+
+class _Storage(_Inert):
+    """Names the type of a tensor's numbers."""
+
+
+def _encoded(text: str, _: str) -> bytes:
+    """Bytes, as the oldest pickles hold them."""
+    return text.encode("latin1")
+
+
+def _tensor(storage: tuple[torch.dtype, str, int], offset: Any, size: Any, stride: Any, *_: object) -> Stored:
+    dtype, key, items = storage
+    numbers = [items, offset, *size, *stride]
+    whole = isinstance(key, str) and all(isinstance(each, int) and each >= 0 for each in numbers)
+    if not whole or prod(size) > items:
+        raise ValueError(f"a tensor of size {size} and stride {stride} at {offset} of {items} numbers")
+    return Stored(key, dtype, items, offset, tuple(size), tuple(stride))
+
+
+def _mapping(*_: object) -> dict[Any, Any]:
+    """An empty one, whatever it would make of keys that it lacks."""
+    return {}
+
+
+def _parameter(data: Stored, *_: object) -> Stored:
+    return data
+
+
+# What a file may name, in its words, and what stands in for it.
+_PLAIN = ("dict", "list", "tuple", "set", "int", "long", "float", "str", "bool", "bytes")
+_NAMED: dict[tuple[str, str], Any] = {
+    ("collections", "OrderedDict"): OrderedDict,
+    ("collections", "defaultdict"): _mapping,
+    ("typing", "Any"): _Inert,
+    ("_codecs", "encode"): _encoded,
+    ("torch._utils", "_rebuild_tensor_v2"): _tensor,
+    ("torch._utils", "_rebuild_parameter"): _parameter,
+    ("omegaconf.dictconfig", "DictConfig"): _Inert,
+    ("omegaconf.listconfig", "ListConfig"): _Inert,
+    ("omegaconf.base", "Metadata"): _Inert,
+    ("omegaconf.base", "ContainerMetadata"): _Inert,
+    **{
+        ("omegaconf.nodes", f"{kind}Node"): _Inert
+        for kind in ("Any", "Integer", "Float", "Boolean", "String")
+    },
+    **{(module, "_load_type"): _Inert for module in ("dill._dill", "dill.dill")},  # how dill names a type
+    **{(module, kind): _Inert for module in ("builtins", "__builtin__") for kind in _PLAIN},
+}
+_STORAGES = {name: type(name, (_Storage,), {"dtype": dtype}) for name, dtype in DTYPES.items()}
+
+
+class _Restricted(pickle.Unpickler):
+    """Reads what `_NAMED` and storages are enough for, and refuses everything else by its name."""
+
+    def __init__(self, path: Path, data: bytes) -> None:
+        super().__init__(BytesIO(data))
+        self._path = path
+
+    def find_class(self, module_name: str, global_name: str) -> Any:
+        """What stands in for a name. Raises ArgumentError for any other one: that would be code."""
+        found = _STORAGES.get(global_name) if module_name == "torch" else None
+        found = found or _NAMED.get((module_name, global_name))
+        if found is None:
+            name = printable(f"{module_name}.{global_name}", 200)
+            raise ArgumentError(
+                f"{self._path} names {name}, which is code that is run where such files are read as pickles; "
+                "here it was not: expected tensors and plain values alone, as Diffusion Policy saves them"
+            )
+        return found
+
+    def persistent_load(self, pid: Any) -> Any:
+        """Where the numbers of a tensor lie: dtype, file and how many."""
+        _, kind, key, _, items = pid
+        return kind.dtype, key, items

@@ -1,0 +1,1 @@
+"""What is of the authors' release: how it calls its cameras."""
