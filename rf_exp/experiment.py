@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -12,7 +12,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.keys import checked_folder
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
-from rf_exp.tasks import Task, Variation, load_task
+from rf_exp.tasks import Borrowed, Task, Variation, load_task
 from rf_exp.types import FOREIGN, UNVARIED, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
 if TYPE_CHECKING:
@@ -266,6 +266,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
         experiment = read_values(Experiment, plain)
         if any(override.startswith("demos=") for override in given):
             _refuse_demos_without_effect(experiment)
+        borrowed = Borrowed(**{each.name: node[each.name] for each in fields(Borrowed)})
         drawn, variation = node["randomisation"], read_values(Variation, node["variation"], "variation.")
         tasks = (  # last: their things are built, which takes longer than all the rest
             replace(
@@ -275,6 +276,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
                     node["arms"],
                     node["things"],
                     node["robot"],
+                    borrowed,
                 ),
                 variation=variation,
             )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT
 from rf_exp.store import Store
+from rf_exp.tasks import unmarked
 from rf_exp.texts import printable
 from rf_exp.types import narrowed
 
@@ -33,7 +34,8 @@ def checked_task(name: object) -> str:
 
 def environment(task: object) -> str:
     """`lift_barrier` -> `LiftBarrier-rf`. Raises ArgumentError for what is no name of a task."""
-    task = task.replace("-", "_") if isinstance(task, str) else task  # before robots that are not the usual
+    if isinstance(task, str):
+        task = unmarked(task)[0].replace("-", "_")  # before robots that are not the usual
     return "".join(word.capitalize() for word in checked_task(task).split("_")) + "-rf"
 
 

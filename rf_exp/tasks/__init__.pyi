@@ -1,6 +1,11 @@
 from . import assets as assets
 from . import predicates as predicates
 from . import shared as shared
+from .robofactory.borrowed import ASSETS as ASSETS
+from .robofactory.borrowed import CAMERAS as CAMERAS
+from .robofactory.borrowed import Borrowed as Borrowed
+from .robofactory.borrowed import borrowed_words as borrowed_words
+from .robofactory.borrowed import unmarked as unmarked
 from .robofactory.names import camera_name as camera_name
 from .robofactory.names import camera_of as camera_of
 from .task.configuration import CONFIGURED as CONFIGURED

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rf_exp.ablation import GenerationRow, read_published, read_rows
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.tasks import parted
+from rf_exp.tasks import ASSETS, CAMERAS, parted, unmarked
 from rf_exp.texts import one_line
 
 EXPERIMENTS = ("ablation",)  # whose rows lie in a folder of that name
@@ -40,11 +40,15 @@ def made_again(
 ) -> tuple[GenerationRow, ...]:
     """The same seeds in a process of their own, of an experiment that has scenes of its own.
 
-    Raises StageError where that fails.
+    Raises ArgumentError for scenes with assets of others, StageError where that fails.
     """
     row = rows[0]
-    task, robots = parted(row.task)
+    name, marks = unmarked(row.task)
+    if ASSETS in marks:
+        raise ArgumentError(f"rows of {row.task} are of scenes with the release's assets, which are not here")
+    task, robots = parted(name)
     asked = {
+        **({"cameras_of": "release"} if CAMERAS in marks else {}),
         **({"experiment": experiment} if experiment else {}),
         **({"robot": f"[{','.join(robots)}]"} if robots else {}),
         **{"task": task, "constraints": row.constraints, "seed": row.seed, "episodes": len(rows)},

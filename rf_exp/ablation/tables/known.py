@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from rf_exp.tasks import CONFIGURED, Task, parsed, parted, read_task
+from rf_exp.tasks import CONFIGURED, Task, borrowed_words, parsed, parted, read_task, unmarked
 
 Grid = Mapping[str, Mapping[str, float]]  # row -> task -> figure
 
@@ -92,6 +92,9 @@ def title_of(task: str, suite: Suite) -> str:
     """The configured title of a task; where it is not in the suite its name in title case."""
     if task in suite:
         return suite[task].title
+    usual, marks = unmarked(task)
+    if marks:
+        return f"{title_of(usual, suite)} ({borrowed_words(marks)})"
     usual, robots = parted(task)
     if robots:
         return f"{title_of(usual, suite)} ({', '.join(robots)})"
@@ -102,8 +105,8 @@ def title_of(task: str, suite: Suite) -> str:
 def agents_of(task: str, suite: Suite) -> int | None:
     if task in suite:
         return suite[task].agents
-    usual, robots = parted(task)
-    if robots:
+    usual, _ = parted(unmarked(task)[0])
+    if usual != task:
         return agents_of(usual, suite)
     _, arms, _ = parsed(task) or (None, None, None)
     return arms or paper().levels.get(task)

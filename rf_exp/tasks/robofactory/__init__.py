@@ -1,1 +1,1 @@
-"""What is of the authors' release: how it calls its cameras."""
+"""What is of the authors' release: its cameras and what they are called, assets in the place of ours."""

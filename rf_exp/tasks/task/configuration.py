@@ -15,6 +15,7 @@ from rf_exp.artifacts import plain, read_values
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.installed import CONF
 from rf_exp.robots import Robot, robot_named
+from rf_exp.tasks.robofactory.borrowed import CAMERAS, RELEASE, Borrowed, unmarked, with_release
 from rf_exp.tasks.task.family import families, is_family, member, parsed
 from rf_exp.tasks.task.robots import Robots, find_robots, parted, with_robots
 from rf_exp.tasks.task.specs import Randomisation
@@ -82,12 +83,18 @@ def check_words(name: str, node: object, key: str = "") -> None:
 
 
 def load_task(
-    name: str, node: Mapping, arms: int | None = None, things: int | None = None, robot: Robots | None = None
+    name: str,
+    node: Mapping,
+    arms: int | None = None,
+    things: int | None = None,
+    robot: Robots | None = None,
+    borrowed: Borrowed | None = None,
 ) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
     What it does not say of randomisation is as in conf/config.yaml. Of a family `arms` and `things` are its
-    numbers, which it has usual ones of; `robot` puts others to its bases (`robots.py`).
+    numbers, which it has usual ones of; `robot` puts others to its bases (`robots.py`), and what is
+    `borrowed` of the authors' release takes the place of what it has.
     Raises ArgumentError naming the field for what is missing, unknown, or of another type, for a robot or an
     asset that does not exist, for an object that stands on one not listed before it, for one that may
     start beyond the table's edge, and for numbers that a family does not have, or a task that is none.
@@ -108,6 +115,8 @@ def load_task(
     try:
         if robot is not None:
             name, node = with_robots(name, node, robot)
+        if borrowed is not None:
+            name, node = with_release(name, node, borrowed)
         find_robots(node)
         drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
         task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
@@ -178,17 +187,22 @@ def read_variation(name: str) -> Variation:
 
 
 def read_task(
-    path: Path, arms: int | None = None, things: int | None = None, robot: Robots | None = None
+    path: Path,
+    arms: int | None = None,
+    things: int | None = None,
+    robot: Robots | None = None,
+    borrowed: Borrowed | None = None,
 ) -> Task:
     """The Task of a YAML file. Raises ArgumentError as `load_task` does."""
     node: Any = OmegaConf.to_container(OmegaConf.load(path))
-    return load_task(path.stem, node[path.stem], arms, things, robot)
+    return load_task(path.stem, node[path.stem], arms, things, robot, borrowed)
 
 
 def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
     """The task of that name in a folder of YAML files, or of a family in it, as `ring` or `ring_6x2`.
 
-    Also one with other robots, as `pick_meat-ur5`.
+    Also one with other robots, as `pick_meat-ur5`, and one with cameras of the release; one with its assets
+    is not known by its name, which does not say where they lie.
 
     None where there is none of that name. Raises ArgumentError as `load_task` does.
     """
@@ -197,15 +211,17 @@ def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
     files = {**families(folder), **{path.stem: path for path in folder.glob("*.yaml")}}
     if name in files:
         return read_task(files[name])
+    name, marks = unmarked(name)
+    if marks not in ([], [CAMERAS]):
+        return None
+    borrowed = Borrowed(cameras_of=RELEASE) if marks else None
     task, robots = parted(name)
     if task in files:
-        return read_task(files[task], robot=robots or None)
+        return read_task(files[task], robot=robots or None, borrowed=borrowed)
     family, *numbers = parsed(task) or ("",)
-    return (
-        read_task(families(folder)[family], *numbers, robot=robots or None)
-        if family in families(folder)
-        else None
-    )
+    if family not in families(folder):
+        return None
+    return read_task(families(folder)[family], *numbers, robot=robots or None, borrowed=borrowed)
 
 
 def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:

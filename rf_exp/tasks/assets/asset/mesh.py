@@ -232,14 +232,14 @@ def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
     turn = Rotation.from_euler("xyz", said.frame.rotation_deg, degrees=True)
     asset_from_mesh = transform(said.frame.position_m, turn)
     parts = []
-    for geometry in _geometries(path):
-        colours = _face_colours(geometry, path.suffix.lower() in LINEAR)  # (F, 3)
+    for geometry in geometries(path):
+        colours = face_colours(geometry, path.suffix.lower() in LINEAR)  # (F, 3)
         # Corners that a file keeps apart for its shading are one corner of the body.
         body = trimesh.Trimesh(geometry.vertices, geometry.faces, process=True)
         body.apply_scale(said.scale).apply_transform(asset_from_mesh)
         solids = [piece for shell in _shells(body, path) for piece in convex_pieces(shell)]
         parts += [Part(piece, GREY, seen=False) for piece in solids]
-        parts += _surface(body, colours if said.colour is None else np.tile(said.colour, (len(colours), 1)))
+        parts += surface(body, colours if said.colour is None else np.tile(said.colour, (len(colours), 1)))
     lowest_m = min(part.mesh.bounds[0, 2] for part in parts if part.seen)
     if abs(lowest_m) > ON_TABLE_M:
         raise ArgumentError(
@@ -249,7 +249,7 @@ def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _geometries(path: Path) -> list[trimesh.Trimesh]:
+def geometries(path: Path) -> list[trimesh.Trimesh]:
     """The meshes of a file, where its scene puts them, in units of the file."""
     if path.suffix.lower() not in FORMATS:
         raise choices("mesh format", path.suffix, FORMATS)
@@ -279,7 +279,7 @@ def _shells(body: trimesh.Trimesh, path: Path) -> list[trimesh.Trimesh]:
     return shells
 
 
-def _face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64]:
+def face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64]:
     """(F, 3) linear RGB in [0, 1] of the triangles: their own, their material's, or their texture's."""
     visual: Any = geometry.visual
     count = len(geometry.faces)
@@ -297,7 +297,7 @@ def _face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64
     return rgb if linear else np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
 
 
-def _surface(body: trimesh.Trimesh, colours: NDArray[np.float64]) -> list[Part]:
+def surface(body: trimesh.Trimesh, colours: NDArray[np.float64]) -> list[Part]:
     """One part that is only seen for each colour; similar ones share their mean where there are many."""
     keys, group = np.unique(colours, axis=0, return_inverse=True)
     if len(keys) > COLOURS:

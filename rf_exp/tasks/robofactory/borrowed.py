@@ -1,0 +1,126 @@
+"""Assets and cameras of the authors' release in a task of ours: `assets=release`, `cameras_of=release`.
+
+What such a task has of the release is part of its name, `lift_barrier+release_assets+release_cameras`, and so
+of folders, rows and tables; a task with nothing of it is itself. All else is that of the task.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.tasks.task.specs import CameraSpec
+from rf_exp.transforms import Matrix, inverse, transform
+
+RELEASE = "release"
+MARK = "+"  # between a task and what it has of the release
+ASSETS, CAMERAS = "release_assets", "release_cameras"
+FACING = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # axes of a camera: SAPIEN's from OpenCV's
+MODULE = "rf_exp.tasks.robofactory.annotated"
+
+
+@dataclass(frozen=True)
+class Borrowed:
+    """What tasks have of the release. Raises ArgumentError for keys that do not go together."""
+
+    assets: str | None = None  # release
+    assets_folder: str | None = None
+    cameras_of: str | None = None  # release
+
+    def __post_init__(self) -> None:
+        for key in ("assets", "cameras_of"):
+            if (value := getattr(self, key)) not in (None, RELEASE):
+                raise choices(key, value, (RELEASE, "null"))
+        if (self.assets is None) != (self.assets_folder is None):
+            raise ArgumentError(
+                f"assets is {self.assets} and assets_folder {self.assets_folder}; expected both, "
+                "assets=release assets_folder=FOLDER, or neither"
+            )
+        if self.assets_folder is not None and not (Path(self.assets_folder) / "objects").is_dir():
+            raise ArgumentError(
+                f"assets_folder is {self.assets_folder}, which has no folder objects; expected the folder "
+                "`assets` of the release"
+            )
+
+
+def with_release(name: str, node: Mapping[str, Any], borrowed: Borrowed) -> tuple[str, Mapping[str, Any]]:
+    """A task with what it has of the release: its name and its configuration.
+
+    Raises ArgumentError for a task of which the release has no cameras.
+    """
+    marks, changed = [], dict(node)
+    if borrowed.assets_folder is not None:
+        folder = str(Path(borrowed.assets_folder).resolve())
+        changed["objects"] = _objects(node.get("objects", {}), folder)
+        marks += [ASSETS] if changed["objects"] != node.get("objects", {}) else []
+    if borrowed.cameras_of is not None:
+        task = str(node.get("code") or name).rpartition(".")[2]
+        if task not in known_cameras():
+            raise ArgumentError(
+                f"the release has no cameras of {task!r}; it has some of {', '.join(known_cameras())}"
+            )
+        changed["cameras"] = {**node.get("cameras", {}), **known_cameras()[task]}
+        marks.append(CAMERAS)
+    if not marks:
+        return name, node
+    called = MARK.join([name, *marks])
+    changed |= {"name": called, "title": f"{node['title']} ({borrowed_words(marks)})"}
+    return called, changed | {"code": node.get("code") or f"rf_exp.tasks.{name}"}
+
+
+def unmarked(name: str) -> tuple[str, list[str]]:
+    """The name of a task without what it has of the release, and that."""
+    task, *marks = name.split(MARK)
+    return task, marks
+
+
+def borrowed_words(marks: Sequence[str]) -> str:
+    """`assets and cameras of the release`, of what `unmarked` gives."""
+    return f"{' and '.join(mark.removeprefix('release_') for mark in marks)} of the release"
+
+
+@cache
+def known_cameras() -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
+    """Task -> camera -> its specification as a task says it."""
+    node: Any = yaml.safe_load(Path(__file__).with_name("cameras.yaml").read_text("utf-8"))
+    return {task: {name: _spec(**camera) for name, camera in those.items()} for task, those in node.items()}
+
+
+def _spec(
+    eye_m: list[float],
+    target_m: list[float] | None = None,
+    facing_wxyz: list[float] | None = None,
+    fov_deg: float = 90.0,
+) -> dict[str, Any]:
+    turn_deg = [0.0, 0.0, 0.0]
+    if facing_wxyz is not None:
+        faces = Rotation.from_quat(facing_wxyz, scalar_first=True).as_matrix() @ FACING
+        target_m = (np.array(eye_m) + faces[:, 2]).tolist()
+        upright: Matrix = CameraSpec(tuple(eye_m), tuple(target_m)).world_from_camera
+        off = inverse(upright) @ transform(eye_m, Rotation.from_matrix(faces))
+        turn_deg = np.rad2deg(Rotation.from_matrix(off[:3, :3]).as_rotvec()).round(6).tolist()
+    return {"eye_m": eye_m, "target_m": target_m, "fov_deg": fov_deg, "turn_deg": turn_deg}
+
+
+def _objects(objects: Mapping[str, Any], folder: str) -> dict[str, Any]:
+    """Things of the release in the place of those of ours that it has."""
+    from rf_exp.tasks.robofactory.annotated import MOVING, seat_m, sources  # meshes are slow to import
+
+    found = {}
+    for key, spec in objects.items():
+        like = spec.get("asset")
+        if like not in sources():
+            found[key] = spec
+            continue
+        options = {"folder": folder, "like": like, **spec.get("options", {})}
+        found[key] = {**spec, "asset": MODULE, "options": options}
+        bearer = objects.get(spec.get("relative_to"), {}).get("asset")
+        if sources()[like].link == MOVING and bearer in sources():
+            found[key]["z_m"] = round(seat_m(folder, like, bearer), 6)
+    return found

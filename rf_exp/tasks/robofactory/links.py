@@ -1,0 +1,101 @@
+"""Links of a URDF of the authors' release, those that are fixed and those that move, every joint at zero."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rf_exp.errors import ArgumentError
+from rf_exp.texts import printable
+from rf_exp.transforms import Matrix, transform
+
+Element = ElementTree.Element
+TURNS = ("revolute", "continuous")
+
+
+@dataclass(frozen=True)
+class Visual:
+    """A mesh that is seen of a link."""
+
+    path: Path
+    root_from_mesh: Matrix
+    scale: NDArray[np.float64]  # (3,) of its vertices
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What a link turns about, in the frame of the root."""
+
+    position: NDArray[np.float64]  # (3,)
+    direction: NDArray[np.float64]  # (3,) by a turn about which it opens
+
+
+def read(path: Path, moving: bool) -> tuple[list[Visual], Axis | None]:
+    """What is seen of the links that move, or of those that do not, and the axis of the first that turns.
+
+    Raises ArgumentError for a file that is missing, no URDF, or shows something else than meshes.
+    """
+    try:
+        return _Links(path).read(moving)
+    except FileNotFoundError as error:
+        raise ArgumentError(f"there is no {path}; assets_folder is the release's folder `assets`") from error
+    except (OSError, ElementTree.ParseError, AttributeError, KeyError, ValueError) as error:
+        raise ArgumentError(
+            f"URDF {path} cannot be read: {type(error).__name__} {printable(error)}"
+        ) from error
+
+
+class _Links:
+    def __init__(self, path: Path) -> None:
+        self._path, self._root = path, ElementTree.parse(path).getroot()
+        self._joints = {_child(joint, "child").attrib["link"]: joint for joint in self._root.findall("joint")}
+
+    def read(self, moving: bool) -> tuple[list[Visual], Axis | None]:
+        found: list[Visual] = []
+        axis = None
+        for link in self._root.findall("link"):
+            name = link.attrib["name"]
+            root_from_link, moved = self._placed(name)
+            joint = self._joints.get(name)
+            if axis is None and joint is not None and joint.attrib["type"] in TURNS:
+                axis = _axis(joint, root_from_link)
+            for visual in link.findall("visual") if moved == moving else ():
+                mesh = _child(_child(visual, "geometry"), "mesh")
+                scale = np.array(mesh.attrib.get("scale", "1 1 1").split(), float)
+                path = self._path.parent / mesh.attrib["filename"]
+                found.append(Visual(path, root_from_link @ _origin(visual), scale))
+        return found, axis
+
+    def _placed(self, link: str, below: int = 0) -> tuple[Matrix, bool]:
+        """root_from_link, and whether a joint moves it."""
+        if (joint := self._joints.get(link)) is None:
+            return np.eye(4), False
+        if below > len(self._joints):
+            raise ValueError("its joints go round in a circle")
+        parent, moved = self._placed(_child(joint, "parent").attrib["link"], below + 1)
+        return parent @ _origin(joint), moved or joint.attrib["type"] != "fixed"
+
+
+def _child(node: Element, name: str) -> Element:
+    found = node.find(name)
+    if found is None:
+        raise ValueError(f"<{node.tag}> has no <{name}>")
+    return found
+
+
+def _origin(node: Element) -> Matrix:
+    """Where something is in the frame of what holds it: turns about the fixed x, then y, then z axis."""
+    origin = node.find("origin")
+    said = {} if origin is None else origin.attrib
+    xyz, rpy = (np.array(said.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
+    return transform(xyz, Rotation.from_euler("xyz", rpy))
+
+
+def _axis(joint: Element, root_from_link: Matrix) -> Axis:
+    axis, limit = joint.find("axis"), joint.find("limit")
+    said = np.array((axis.attrib["xyz"] if axis is not None else "1 0 0").split(), float)
+    opens = -1.0 if limit is not None and float(limit.attrib.get("upper", 1)) <= 0 else 1.0
+    return Axis(root_from_link[:3, 3], root_from_link[:3, :3] @ said * opens)

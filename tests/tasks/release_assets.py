@@ -1,0 +1,88 @@
+"""Assets by the layout of the authors' release, made of the suite's own meshes and points."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rf_exp.tasks import assets
+from rf_exp.tasks.assets import Asset
+from rf_exp.tasks.assets.__main__ import scene
+from rf_exp.tasks.robofactory.annotated import HAND, Source, sources
+from rf_exp.transforms import Matrix, transform
+
+SCALES = {"barrier": (0.6, 0.6, 0.2), "steak": (0.08, 0.4, 0.08)}  # others are scaled alike on all axes
+SCALE = 0.1
+LISTS = "contact_points_pose", "functional_matrix", "target_pose"
+RAISED_M = 0.03  # the origin of an actor is not on the table
+ROOT = Rotation.from_euler("xyz", (np.pi / 2, 0.0, -np.pi / 2))  # as URDFs of upright meshes have it
+URDF = """<robot name="thing">
+<link name="base"/>
+<joint name="root" type="fixed">
+  <origin xyz="0 0 0" rpy="{rpy}"/><parent link="base"/><child link="still"/>
+</joint>
+<link name="still"><visual><geometry><mesh filename="still.glb"/></geometry></visual></link>
+<link name="moves">
+  <visual><origin xyz="{back}"/><geometry><mesh filename="moves.glb"/></geometry></visual>
+</link>
+<joint name="opens" type="{kind}">
+  <origin xyz="{at}"/><parent link="still"/><child link="moves"/>
+  <axis xyz="{axis}"/><limit lower="0" upper="1.5" effort="1" velocity="1"/>
+</joint>
+</robot>
+"""
+
+
+def write(folder: Path, like: str, bearer: str | None = None, seat_m: float = 0.0) -> None:
+    """The files of one asset; of a URDF `like` moves, and `bearer` is what it is on, so far below it."""
+    source, scale = sources()[like], np.array(SCALES.get(like, (SCALE,) * 3))
+    path = folder / "objects" / source.mesh
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stands = transform((0, 0, RAISED_M), Rotation.from_quat(source.standing_wxyz, scalar_first=True))
+    made = assets.load(like)
+    noted: dict[str, Any] = {"scale": scale.tolist(), "center": [0.0, 0.0, 0.0], **{key: [] for key in LISTS}}
+    things = {like: (made, np.linalg.inv(stands))}
+    if bearer is not None:
+        things = {bearer: (assets.load(bearer), np.eye(4)), like: (made, transform((0, 0, seat_m)))}
+        _write_urdf(path, things, made, scale)
+    else:
+        meshes = scene(made)
+        meshes.apply_transform(np.linalg.inv(stands))
+        meshes.apply_transform(np.diag([*(1 / scale), 1.0]))
+        meshes.export(path)
+    for name, (asset, actor_from_asset) in things.items():
+        _note(noted, sources()[name], asset, actor_from_asset, scale)
+    (folder / "objects" / source.annotation).write_text(json.dumps(noted))
+
+
+def _note(noted: dict[str, Any], source: Source, asset: Asset, actor_from_asset: Matrix, scale: Any) -> None:
+    for point, (key, number) in source.points.items():
+        x, y, z = asset.points[point].object_from_tcp[:3, :3].T
+        pose = asset.points[point].object_from_tcp.copy()
+        pose[:3, :3] = np.column_stack([z, y, -x])
+        pose = actor_from_asset @ pose @ np.linalg.inv(HAND)
+        pose[:3, 3] /= scale
+        noted[key] += [np.eye(4).tolist()] * (number + 1 - len(noted[key]))
+        noted[key][number] = pose.tolist()
+
+
+def _write_urdf(path: Path, things: Mapping[str, tuple[Asset, Matrix]], moves: Asset, scale: Any) -> None:
+    still_from_root = np.linalg.inv(transform((0, 0, 0), ROOT))
+    for file, (asset, actor_from_asset) in zip(("still", "moves"), things.values(), strict=True):
+        meshes = scene(asset)
+        meshes.apply_transform(actor_from_asset)
+        meshes.apply_transform(np.diag([*(1 / scale), 1.0]))
+        meshes.apply_transform(still_from_root)
+        meshes.export(path.with_name(f"{file}.glb"))
+    at, axis = np.zeros(3), np.array([0.0, 0, 1])
+    if moves.hinge is not None:
+        _, actor_from_asset = [*things.values()][1]
+        hinge = actor_from_asset @ moves.hinge.object_from_hinge
+        at, axis = hinge[:3, 3] / scale, hinge[:3, 1]
+    at, axis = (still_from_root[:3, :3] @ each for each in (at, axis))
+    said = {name: " ".join(map(str, each)) for name, each in (("at", at), ("axis", axis), ("back", -at))}
+    kind = "prismatic" if moves.hinge is None else "revolute"
+    path.write_text(URDF.format(rpy=" ".join(map(str, ROOT.as_euler("xyz"))), kind=kind, **said))
