@@ -12,7 +12,7 @@ from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.assets.__main__ import scene
 from rf_exp.tasks.robofactory.annotated import HAND, Source, sources
-from rf_exp.transforms import Matrix, transform
+from rf_exp.transforms import Matrix, inverse, transform
 
 SCALES = {"barrier": (0.6, 0.6, 0.2), "steak": (0.08, 0.4, 0.08)}  # others are scaled alike on all axes
 SCALE = 0.1
@@ -44,13 +44,13 @@ def write(folder: Path, like: str, bearer: str | None = None, seat_m: float = 0.
     stands = transform((0, 0, RAISED_M), Rotation.from_quat(source.standing_wxyz, scalar_first=True))
     made = assets.load(like)
     noted: dict[str, Any] = {"scale": scale.tolist(), "center": [0.0, 0.0, 0.0], **{key: [] for key in LISTS}}
-    things = {like: (made, np.linalg.inv(stands))}
+    things = {like: (made, inverse(stands))}
     if bearer is not None:
         things = {bearer: (assets.load(bearer), np.eye(4)), like: (made, transform((0, 0, seat_m)))}
         _write_urdf(path, things, made, scale)
     else:
         meshes = scene(made)
-        meshes.apply_transform(np.linalg.inv(stands))
+        meshes.apply_transform(inverse(stands))
         meshes.apply_transform(np.diag([*(1 / scale), 1.0]))
         meshes.export(path)
     for name, (asset, actor_from_asset) in things.items():
@@ -63,14 +63,14 @@ def _note(noted: dict[str, Any], source: Source, asset: Asset, actor_from_asset:
         x, y, z = asset.points[point].object_from_tcp[:3, :3].T
         pose = asset.points[point].object_from_tcp.copy()
         pose[:3, :3] = np.column_stack([z, y, -x])
-        pose = actor_from_asset @ pose @ np.linalg.inv(HAND)
+        pose = actor_from_asset @ pose @ inverse(HAND)
         pose[:3, 3] /= scale
         noted[key] += [np.eye(4).tolist()] * (number + 1 - len(noted[key]))
         noted[key][number] = pose.tolist()
 
 
 def _write_urdf(path: Path, things: Mapping[str, tuple[Asset, Matrix]], moves: Asset, scale: Any) -> None:
-    still_from_root = np.linalg.inv(transform((0, 0, 0), ROOT))
+    still_from_root = inverse(transform((0, 0, 0), ROOT))
     for file, (asset, actor_from_asset) in zip(("still", "moves"), things.values(), strict=True):
         meshes = scene(asset)
         meshes.apply_transform(actor_from_asset)

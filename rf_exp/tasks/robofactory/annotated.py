@@ -27,7 +27,7 @@ from rf_exp.tasks.assets import Asset, InteractionPoint, Part, convex_pieces
 from rf_exp.tasks.assets.asset.mesh import GREY, LINEAR, face_colours, geometries, surface
 from rf_exp.tasks.robofactory import links
 from rf_exp.texts import printable
-from rf_exp.transforms import Matrix, apply, from_axes, transform
+from rf_exp.transforms import Matrix, apply, from_axes, inverse, transform
 
 OBJECTS = "objects"  # below the release's folder of assets
 HAND = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # as the release turns its poses
@@ -215,7 +215,7 @@ def _as_wide(path: Path, name: str, point: InteractionPoint, made: Asset) -> Int
     """A grasp with the width between its fingers, of what the thing has there."""
     if point.kind != "grasp":
         return point
-    tcp_from_object = np.linalg.inv(point.object_from_tcp)
+    tcp_from_object = inverse(point.object_from_tcp)
     offsets = [(x, z) for x in (-PAD_M, 0.0, PAD_M) for z in (-PAD_M, 0.0, PAD_M)]
     ends = [
         end

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.task.specs import CameraSpec
-from rf_exp.transforms import Matrix, inverse, transform
+from rf_exp.transforms import inverse, transform
 
 RELEASE = "release"
 MARK = "+"  # between a task and what it has of the release
@@ -98,13 +98,16 @@ def _spec(
     facing_wxyz: list[float] | None = None,
     fov_deg: float = 90.0,
 ) -> dict[str, Any]:
+    """A camera that looks at a point, or as a quaternion says."""
     turn_deg = [0.0, 0.0, 0.0]
     if facing_wxyz is not None:
         faces = Rotation.from_quat(facing_wxyz, scalar_first=True).as_matrix() @ FACING
-        target_m = (np.array(eye_m) + faces[:, 2]).tolist()
-        upright: Matrix = CameraSpec(tuple(eye_m), tuple(target_m)).world_from_camera
-        off = inverse(upright) @ transform(eye_m, Rotation.from_matrix(faces))
-        turn_deg = np.rad2deg(Rotation.from_matrix(off[:3, :3]).as_rotvec()).round(6).tolist()
+        stands = transform(eye_m, Rotation.from_matrix(faces))
+        target_m = (stands[:3, 3] + stands[:3, 2]).tolist()
+        (x, y, z), (to_x, to_y, to_z) = eye_m, target_m
+        upright = CameraSpec((x, y, z), (to_x, to_y, to_z)).world_from_camera
+        off = Rotation.from_matrix((inverse(upright) @ stands)[:3, :3])
+        turn_deg = np.rad2deg(off.as_rotvec()).round(6).tolist()
     return {"eye_m": eye_m, "target_m": target_m, "fov_deg": fov_deg, "turn_deg": turn_deg}
 
 
