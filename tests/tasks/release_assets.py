@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.assets.__main__ import scene
-from rf_exp.tasks.robofactory.annotated import HAND, Source, sources
+from rf_exp.tasks.assets.asset.annotated import HAND
+from rf_exp.tasks.assets.asset.released import Source
 from rf_exp.transforms import Matrix, inverse, transform
 
 SCALES = {"barrier": (0.6, 0.6, 0.2), "steak": (0.08, 0.4, 0.08)}  # others are scaled alike on all axes
@@ -38,7 +39,7 @@ URDF = """<robot name="thing">
 
 def write(folder: Path, like: str, bearer: str | None = None, seat_m: float = 0.0) -> None:
     """The files of one asset; of a URDF `like` moves, and `bearer` is what it is on, so far below it."""
-    source, scale = sources()[like], np.array(SCALES.get(like, (SCALE,) * 3))
+    source, scale = assets.released()[like], np.array(SCALES.get(like, (SCALE,) * 3))
     path = folder / "objects" / source.mesh
     path.parent.mkdir(parents=True, exist_ok=True)
     stands = transform((0, 0, RAISED_M), Rotation.from_quat(source.standing_wxyz, scalar_first=True))
@@ -54,7 +55,7 @@ def write(folder: Path, like: str, bearer: str | None = None, seat_m: float = 0.
         meshes.apply_transform(np.diag([*(1 / scale), 1.0]))
         meshes.export(path)
     for name, (asset, actor_from_asset) in things.items():
-        _note(noted, sources()[name], asset, actor_from_asset, scale)
+        _note(noted, assets.released()[name], asset, actor_from_asset, scale)
     (folder / "objects" / source.annotation).write_text(json.dumps(noted))
 
 

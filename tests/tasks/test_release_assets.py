@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Borrowed, assets, named_task, read_task
-from rf_exp.tasks.robofactory.annotated import build, sources
+from rf_exp.tasks.assets.asset import annotated
 from rf_exp.tasks.robofactory.borrowed import known_cameras
 from tests.conftest import CONF, TASKS, experiment
 from tests.tasks import release_assets as theirs
@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("like", [*ALONE, "camera"])
 def test_an_asset_stands_is_as_large_and_is_acted_on_as_its_files_say(like: str, folder: Path) -> None:
-    made, ours = build(str(folder), like), assets.load(like)
+    made, ours = annotated.build(str(folder), like), assets.load(like)
     assert np.allclose(made.bounds_m, ours.bounds_m, atol=1e-4)
     assert made.points.keys() == ours.points.keys() and made.mass_kg == ours.mass_kg
     for name, point in ours.points.items():
@@ -150,7 +150,7 @@ def test_an_annotation_that_is_another_is_refused_by_its_key(
     changes: Any, message: str, tmp_path: Path
 ) -> None:
     theirs.write(tmp_path, "barrier")
-    path = tmp_path / "objects" / sources()["barrier"].annotation
+    path = tmp_path / "objects" / assets.released()["barrier"].annotation
     said = json.loads(path.read_text())
     path.write_text(json.dumps({**said, **changes}))
     with pytest.raises(ArgumentError, match=message):
@@ -159,15 +159,13 @@ def test_an_annotation_that_is_another_is_refused_by_its_key(
 
 def fresh(folder: Path, like: str) -> Any:
     """Built anew: files have changed."""
-    from rf_exp.tasks.robofactory import annotated
-
-    annotated._shape.cache_clear()
-    return build(str(folder), like)
+    annotated.shape_of.cache_clear()
+    return annotated.build(str(folder), like)
 
 
 def test_files_that_are_missing_or_broken_are_named(tmp_path: Path) -> None:
     theirs.write(tmp_path, "lid", "pot", SEATS_M["lid"])
-    urdf = tmp_path / "objects" / sources()["lid"].mesh
+    urdf = tmp_path / "objects" / assets.released()["lid"].mesh
     usual = urdf.read_text()
     for text, message in (
         ("<robot", "URDF .* cannot be read"),
@@ -182,6 +180,6 @@ def test_files_that_are_missing_or_broken_are_named(tmp_path: Path) -> None:
     urdf.unlink()
     with pytest.raises(ArgumentError, match=re.escape(f"there is no {urdf}")):
         fresh(tmp_path, "lid")
-    (tmp_path / "objects" / sources()["lid"].annotation).write_text("{")
+    (tmp_path / "objects" / assets.released()["lid"].annotation).write_text("{")
     with pytest.raises(ArgumentError, match=r"annotation .*model_data.json cannot be read"):
         fresh(tmp_path, "lid")

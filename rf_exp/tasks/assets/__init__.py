@@ -1,6 +1,7 @@
 """Procedural assets: one module a thing, each with a function `build(...)` returning its `Asset`.
 
-A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.asset.mesh`.
+A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.asset.mesh`, and what a
+person has of the authors' release through the files of that, see `rf_exp.tasks.assets.asset.annotated`.
 """
 
 from collections.abc import Mapping
@@ -10,8 +11,20 @@ from pkgutil import iter_modules
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.assets.asset.base import Asset, Colour, Hinge, InteractionPoint, Part, convex_pieces
+from rf_exp.tasks.assets.asset.released import released, seat_m
 
-__all__ = ["Asset", "Colour", "Hinge", "InteractionPoint", "Part", "available", "convex_pieces", "load"]
+__all__ = [
+    "Asset",
+    "Colour",
+    "Hinge",
+    "InteractionPoint",
+    "Part",
+    "available",
+    "convex_pieces",
+    "load",
+    "released",
+    "seat_m",
+]
 
 _MACHINERY = ("__main__", "asset")
 

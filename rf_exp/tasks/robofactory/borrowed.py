@@ -15,6 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.tasks import assets
 from rf_exp.tasks.task.specs import CameraSpec
 from rf_exp.transforms import inverse, transform
 
@@ -22,7 +23,7 @@ RELEASE = "release"
 MARK = "+"  # between a task and what it has of the release
 ASSETS, CAMERAS = "release_assets", "release_cameras"
 FACING = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # axes of a camera: SAPIEN's from OpenCV's
-MODULE = "rf_exp.tasks.robofactory.annotated"
+MODULE = "rf_exp.tasks.assets.asset.annotated"
 
 
 @dataclass(frozen=True)
@@ -113,17 +114,14 @@ def _spec(
 
 def _objects(objects: Mapping[str, Any], folder: str) -> dict[str, Any]:
     """Things of the release in the place of those of ours that it has."""
-    from rf_exp.tasks.robofactory.annotated import MOVING, seat_m, sources  # meshes are slow to import
-
     found = {}
     for key, spec in objects.items():
-        like = spec.get("asset")
-        if like not in sources():
-            found[key] = spec
+        found[key], like = spec, spec.get("asset")
+        if like not in assets.released():
             continue
         options = {"folder": folder, "like": like, **spec.get("options", {})}
         found[key] = {**spec, "asset": MODULE, "options": options}
         bearer = objects.get(spec.get("relative_to"), {}).get("asset")
-        if sources()[like].link == MOVING and bearer in sources():
-            found[key]["z_m"] = round(seat_m(folder, like, bearer), 6)
+        if (seat_m := assets.seat_m(folder, like, bearer)) is not None:
+            found[key]["z_m"] = round(seat_m, 6)
     return found

@@ -5,27 +5,27 @@
 
 A translation of these counts in units of the mesh. The hand comes along the x axis of `pose @ HAND`, fingers
 close along y. What an asset weighs and how it grips are in none of its files: both are as ours.
-`objects.yaml` says which files stand for which of ours.
+`released.yaml` says which files stand for which of ours.
 """
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset, InteractionPoint, Part, convex_pieces
+from rf_exp.tasks.assets.asset import links
 from rf_exp.tasks.assets.asset.mesh import GREY, LINEAR, face_colours, geometries, surface
-from rf_exp.tasks.robofactory import links
+from rf_exp.tasks.assets.asset.released import MOVING, released
 from rf_exp.texts import printable
 from rf_exp.transforms import Matrix, apply, from_axes, inverse, transform
 
@@ -33,21 +33,8 @@ OBJECTS = "objects"  # below the release's folder of assets
 HAND = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # as the release turns its poses
 WIDEST_M = 0.08  # between open fingers
 SIZES = (0.5, 2.0)  # of the longest side, against ours
-MOST_SHELLS = 32  # that are cut into pieces one by one
+MOST_SHELLS = 256  # that are cut into pieces one by one
 PAD_M = 0.009  # half of the width of a finger's pad
-MOVING = "moving"  # links of a URDF
-
-
-@dataclass(frozen=True)
-class Source:
-    """Which files of the release one of our assets is made of: see objects.yaml."""
-
-    mesh: str
-    annotation: str
-    link: str | None = None
-    standing_wxyz: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
-    hinge_of: str | None = None
-    points: Mapping[str, tuple[str, int]] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)
@@ -63,21 +50,14 @@ class Shape:
         return min(float(body.bounds[0, 2]) for body in self.bodies)
 
 
-@cache
-def sources() -> Mapping[str, Source]:
-    """Asset of ours -> files of the release."""
-    node: Any = yaml.safe_load(Path(__file__).with_name("objects.yaml").read_text("utf-8"))
-    return {name: Source(**said) for name, said in node.items()}
-
-
 def build(folder: str, like: str, **options: Any) -> Asset:
     """What plays the part of one of our assets, which has options, with the files below a folder.
 
     Raises ArgumentError for files that are missing or not as the release's, and for another size than ours.
     """
-    ours, source = assets.load(like, options), sources()[like]
+    ours, source = assets.load(like, options), released()[like]
     notes = Path(folder) / OBJECTS / source.annotation
-    said, shape = read_annotation(notes), _shape(folder, like)
+    said, shape = read_annotation(notes), shape_of(folder, like)
     stands = transform((0, 0, 0), Rotation.from_quat(source.standing_wxyz, scalar_first=True))
     if source.hinge_of is not None:
         stands = _turned(shape, assets.load(source.hinge_of)) @ stands
@@ -125,14 +105,9 @@ def read_annotation(path: Path) -> Mapping[str, Any]:
     return {**said, "scale": scale}
 
 
-def seat_m(folder: str, like: str, bearer: str) -> float:
-    """How far the underside of a thing of a URDF is above that of what bears it."""
-    return _shape(folder, like).lowest_m - _shape(folder, bearer).lowest_m
-
-
 @cache
-def _shape(folder: str, like: str) -> Shape:
-    source = sources()[like]
+def shape_of(folder: str, like: str) -> Shape:
+    source = released()[like]
     path, axis = Path(folder) / OBJECTS / source.mesh, None
     found = [links.Visual(path, np.eye(4), np.ones(3))]
     if source.link is not None:
