@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rf_exp.ablation.tables import known
+from rf_exp.data.release import environment
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Borrowed, assets, named_task, read_task
 from rf_exp.tasks.assets.asset import annotated
@@ -94,6 +96,14 @@ def test_a_quaternion_of_a_camera_is_of_sapiens_frame() -> None:
     axes = Rotation.from_quat((0.42276, -0.258701, 0.127348, 0.859145), scalar_first=True).as_matrix().T
     x, y, z = task.cameras["global"].world_from_camera[:3, :3].T
     assert np.allclose((z, -x, -y), axes, atol=1e-6)
+
+
+def test_tables_and_exports_tell_what_was_borrowed() -> None:
+    suite = known.facts([read_task(CONF / "task/lift_barrier.yaml")])
+    called = "lift_barrier-ur5+release_assets+release_cameras"
+    assert known.title_of(called, suite) == "Lift Barrier (ur5) (assets and cameras of the release)"
+    assert known.agents_of(called, suite) == 2
+    assert environment("lift_barrier+release_cameras") == "LiftBarrier-rf"
 
 
 @pytest.mark.slow
