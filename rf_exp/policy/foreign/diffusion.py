@@ -109,11 +109,11 @@ class Settings:
         if sampler != found:  # what is of one of them alone
             schedule = {key: schedule[key] for key in COMMON if key in schedule}
         timesteps = said.of("policy.noise_scheduler.num_train_timesteps", int)
-        steps = steps or said.of("policy.num_inference_steps", int, None) or timesteps
+        told: int | None = steps or said.of("policy.num_inference_steps", int, None)
         cameras = {name: _camera(said, name) for name, kind in types.items() if kind == "rgb"}
         moments, horizon = said.of("n_obs_steps", int), said.of("horizon", int)
         imagenet, executed = said.of(f"{encoder}.imagenet_norm", bool, False), said.of("n_action_steps", int)
-        return Settings(cameras, moments, horizon, executed, imagenet, sampler, steps, schedule)
+        return Settings(cameras, moments, horizon, executed, imagenet, sampler, told or timesteps, schedule)
 
     def scheduler(self) -> DDPMScheduler | DDIMScheduler:
         """The sampler, with its steps as the file says."""
@@ -135,7 +135,7 @@ class _Node:
             found = found.get(part) if isinstance(found, Mapping) else None
         if found is None and otherwise:
             return otherwise[0]
-        if not isinstance(found, kind) or (kind is int and not 0 < found <= MOST):
+        if not isinstance(found, kind) or (isinstance(found, int) and kind is int and not 0 < found <= MOST):
             raise ArgumentError(
                 f"{self._path}: cfg.{key} is {printable(found, 80)!r}; expected {kind.__name__}"
             )

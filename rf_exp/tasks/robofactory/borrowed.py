@@ -104,8 +104,8 @@ def _spec(
     if facing_wxyz is not None:
         faces = Rotation.from_quat(facing_wxyz, scalar_first=True).as_matrix() @ FACING
         stands = transform(eye_m, Rotation.from_matrix(faces))
-        target_m = (stands[:3, 3] + stands[:3, 2]).tolist()
-        (x, y, z), (to_x, to_y, to_z) = eye_m, target_m
+        (x, y, z), (to_x, to_y, to_z) = eye_m, (stands[:3, 3] + stands[:3, 2]).tolist()
+        target_m = [to_x, to_y, to_z]
         upright = CameraSpec((x, y, z), (to_x, to_y, to_z)).world_from_camera
         off = Rotation.from_matrix((inverse(upright) @ stands)[:3, :3])
         turn_deg = np.rad2deg(off.as_rotvec()).round(6).tolist()
