@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from rf_exp.geometry import (
     Swept,
     closer_than,
     folded,
+    joined,
     nearest,
     overlap,
 )
@@ -39,6 +40,9 @@ class Obstacles:
     def __init__(self, task: Task, scene: Scene, constraint_set: ConstraintSet, proposal: Proposal) -> None:
         self._task, self._scene, self._constraint_set, self._proposal = task, scene, constraint_set, proposal
         self._seen = Seen(PlanningScene(task, scene)) if scene.seen is not None else None
+        self._asked: _Surroundings | None = (
+            None  # last; a search for a path asks about the same ones over and over
+        )
 
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
@@ -46,13 +50,14 @@ class Obstacles:
         def test(
             agent: int, points: Points, state: State, touches: frozenset[str], *, between: bool = False
         ) -> Obstacle | None:
-            planning_scene = self._planning_scene(state)
+            surroundings = self._surroundings(agent, state, touches, avoid_arms)
+            planning_scene = surroundings.planning_scene
             body = self._body(planning_scene, agent, points, state, touches)
             if folded(body, self._task.arms[agent].robot.self_pairs).any():
                 return "the arm itself"
-            for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
+            for obstacles, other, margin_m in surroundings.bodies:
                 if closer_than(body, other, margin_m, between=between).any():
-                    each = ((one, _only(other, one)) for one in obstacles[:-1])
+                    each = ((one, _only(planning_scene, other, one)) for one in obstacles[:-1])
                     near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
                     return next(near, obstacles[-1])
             return "the table" if planning_scene.below_table(body).any() else None
@@ -62,14 +67,28 @@ class Obstacles:
     def how_near(self, blockage: Blockage) -> dict[str, Any]:
         """How near which parts come, as facts of a `Found`; none where the arm itself or the table blocks."""
         agent, state, touches, obstacle = blockage.agent, blockage.state, blockage.touches, blockage.obstacle
-        planning_scene = self._planning_scene(state)
+        surroundings = self._surroundings(agent, state, touches, True)
+        planning_scene = surroundings.planning_scene
         body = self._body(planning_scene, agent, blockage.points, state, touches)
-        for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, True):
-            if obstacle in obstacles and (gap := nearest(body, _only(other, obstacle))) is not None:
+        for obstacles, other, margin_m in surroundings.bodies:
+            if obstacle not in obstacles:
+                continue
+            if (gap := nearest(body, _only(planning_scene, other, obstacle))) is not None:
                 near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
                 other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
                 return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
         return {}
+
+    def _surroundings(
+        self, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
+    ) -> "_Surroundings":
+        """What is in the way of an agent. That of the last question, where it was asked the same."""
+        last = self._asked
+        if last is None or last.state is not state or last.asked != (agent, touches, avoid_arms):
+            planning_scene = self._planning_scene(state)
+            bodies = tuple(self._others(planning_scene, agent, state, touches, avoid_arms))
+            last = self._asked = _Surroundings(state, (agent, touches, avoid_arms), planning_scene, bodies)
+        return last
 
     def _planning_scene(self, state: State) -> PlanningScene:
         qpos = self._scene.qpos.copy()
@@ -96,7 +115,7 @@ class Obstacles:
         touches: frozenset[str],
         avoid_arms: bool,
     ) -> Iterator[tuple[Sequence[Obstacle], Swept, float]]:
-        """What is in the way, and how near one may come; things together, as most often none is near."""
+        """What is in the way, and how near one may come; many together, as most often none is near."""
         spatial = self._constraint_set.spatial
         names = [*self._task.objects, *self._task.clutter] if spatial else sorted(state.targets)
         if self._seen is not None and spatial:
@@ -106,9 +125,12 @@ class Obstacles:
         held = state.in_hand(agent)
         if others := [name for name in names if name not in held]:
             yield others, planning_scene.standing(others), OBJECT_MARGIN_M
-        for other in self._task.agents if avoid_arms and spatial else ():
-            if other != agent:
-                yield [other], planning_scene.measured(other), AGENT_MARGIN_M
+        arms = [other for other in self._task.agents if avoid_arms and spatial and other != agent]
+        laden = [other for other in arms if other in state.held]  # may be met by who takes what it holds
+        if free := [other for other in arms if other not in state.held]:
+            yield free, joined([*map(planning_scene.measured, free)]), AGENT_MARGIN_M
+        for other in laden:
+            yield [other], planning_scene.measured(other), AGENT_MARGIN_M
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
         """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""
@@ -119,9 +141,18 @@ class Obstacles:
         return frozenset((about | held | moved | state.targets) & set(self._task.objects))
 
 
-def _only(body: Swept, obstacle: Obstacle) -> Swept:
-    """One of the things that a body is made of; all of an arm."""
-    return body if isinstance(obstacle, int) else body.only(obstacle)
+class _Surroundings(NamedTuple):
+    """What was found to be in the way of an agent, and for which question."""
+
+    state: State
+    asked: tuple[int, frozenset[str], bool]  # agent, what its gripper may touch, whether arms count
+    planning_scene: PlanningScene
+    bodies: Sequence[tuple[Sequence[Obstacle], Swept, float]]  # obstacles, all of them, m they keep free
+
+
+def _only(planning_scene: PlanningScene, body: Swept, obstacle: Obstacle) -> Swept:
+    """One of the things, or of the arms, that a body is made of."""
+    return planning_scene.measured(obstacle) if isinstance(obstacle, int) else body.only(obstacle)
 
 
 @dataclass(frozen=True)

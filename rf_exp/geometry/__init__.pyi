@@ -21,4 +21,5 @@ from .separation import measured_pair as measured_pair
 from .swept import Mask as Mask
 from .swept import Piece as Piece
 from .swept import Swept as Swept
+from .swept import joined as joined
 from .swept import lowest_m as lowest_m

@@ -230,9 +230,8 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     apart = _apart(a, b)
     pairs = [
         Pair(i, j, rows, columns)
-        for i, x in enumerate(a.labels)
-        for j, y in enumerate(b.labels)
-        for rows, columns in apart(x, y)
+        for i, j in _near(a, b, margin_m, between)
+        for rows, columns in apart(a.labels[i], b.labels[j])
     ]
     if not pairs:
         return np.zeros((len(a), len(b)), dtype=bool)
@@ -256,6 +255,21 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
         todo = todo[np.argsort(gap, kind="stable")]
         size //= min(PARTS, size)
     return diagram.forbidden[: len(a), : len(b)]
+
+
+def _near(a: Swept, b: Swept, margin_m: float, between: bool) -> list[list[int]]:
+    """[i, j] of the pieces that may forbid a cell. Of bodies that both move all: blocks tell sooner."""
+    if min(len(a), len(b)) > 1:
+        return [[i, j] for i in range(len(a.pieces)) for j in range(len(b.pieces))]
+    if not (a.pieces and b.pieces):
+        return []
+    kept = [body.stride_m / 2 if between and len(body) > 1 else 0.0 for body in (a, b)]
+    gaps = cdist(a.centres.reshape(-1, 3), b.centres.reshape(-1, 3))
+    gaps = gaps.reshape(len(a), len(a.pieces), len(b), len(b.pieces))
+    gaps -= (a.radii_m + kept[0])[..., None, None]  # (P, La) or (La,)
+    gaps -= b.radii_m + kept[1]  # (Q, Lb) or (Lb,)
+    least = gaps.min(axis=(0, 2))
+    return np.argwhere(least < (1 + DOUBT) * margin_m + SLACK_M).tolist()
 
 
 class _Diagram:

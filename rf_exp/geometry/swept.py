@@ -5,7 +5,7 @@ planes for filling voxels. A body has a pose of each of its pieces at every path
 positions it has bounds on how far they move within one, from which `closer_than` finds coordination diagrams.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
 
@@ -247,6 +247,16 @@ class Swept:
         shapes = [piece.shape for piece in self.pieces]
         keys = (positions * len(shapes) + pieces).tolist()
         return [shapes[piece] for piece in pieces.tolist()], [self._placed[key] for key in keys]
+
+
+def joined(bodies: Sequence[Swept]) -> Swept:
+    """Bodies at as many positions each, as one: of arms that hold nothing, which all keep away from alike."""
+    return Swept(
+        tuple(piece for body in bodies for piece in body.pieces),
+        tuple(label for body in bodies for label in body.labels),
+        np.concatenate([body.poses for body in bodies], axis=1),
+        gripper=frozenset().union(*(body.gripper for body in bodies)),
+    )
 
 
 class _Placed(dict[int, coal.Transform3s]):
