@@ -13,8 +13,8 @@ reads with `sep="\\t", comment="#", quoting=csv.QUOTE_NONE`. Above it stand line
 # made, made.0, made.1: of what they were made: what all training seeds share, and what each has of its own
 # curves.0: of each policy the steps of training, the mean loss since the last of them, CPU seconds until then
 
-The columns are the other fields: numbers and words as they are, 0 or 1, and accounts as JSON, which leaves
-out what an empty account says as well.
+The columns are the other fields: numbers and words as they are, 0 or 1, and accounts and dialogues as JSON,
+which leaves out what an empty one says as well.
 """
 
 import json
@@ -26,10 +26,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Generic
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, R, expect_schema, read_lines_of
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, R, expect_schema, read_lines_of, restored_parts
 from rf_exp.artifacts import plain, restored, write_text
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.findings import Account
+from rf_exp.findings import Account, Dialogue
 from rf_exp.texts import shown
 from rf_exp.types import UNVARIED
 
@@ -215,8 +215,7 @@ def _parsed(below: str, kind: type[R]) -> Published[R]:
         said[name] = json.loads(value)
     constant = said["constant"]
     expect_schema(constant)
-    if "account" in constant:
-        constant["account"] = restored(Account, constant["account"])
+    constant |= restored_parts(constant)
     columns, *table = (line.split("\t") for line in lines[:-1])
     readers = [_READERS[each.type] for name in columns for each in fields(kind) if each.name == name]
     rows = []
@@ -266,5 +265,6 @@ _READERS: Mapping[Any, Any] = {
     float: float,
     str: str,
     Account: _account,
+    Dialogue: lambda cell: restored(Dialogue, json.loads(cell)),
     dict: json.loads,
 }

@@ -19,7 +19,7 @@ import numpy as np
 
 from rf_exp.artifacts import append_line, canonical, plain, read_lines, restored
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.findings import Account
+from rf_exp.findings import Account, Dialogue
 from rf_exp.texts import printable
 from rf_exp.types import FOREIGN, UNVARIED
 
@@ -79,7 +79,7 @@ class GenerationRow(_Row):
     )
     task: str
     constraints: str
-    brain: str
+    brain: str  # which; of a model, and of a fault, with its name
     seed: int
     success: bool  # strict criterion
     success_paper: bool  # the paper's
@@ -97,6 +97,7 @@ class GenerationRow(_Row):
     account: Account = field(default_factory=Account)  # violations that ended proposals, contacts, failures
     variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes, by its name
     drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
+    dialogue: Dialogue = field(default_factory=Dialogue, metadata=LATER)  # what RoboBrain answered
 
     @property
     def reason(self) -> str:
@@ -276,7 +277,14 @@ def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
     known = {name: value for name, value in values.items() if name != REASON}
     if not isinstance(known.get("account"), dict):
         raise ArgumentError(f"account is {known.get('account')!r}; expected an object")
-    return kind(**{**known, "account": restored(Account, known["account"])})
+    parts = restored_parts(known)
+    return kind(**known, **parts)
+
+
+def restored_parts(values: dict[str, Any]) -> dict[str, Any]:
+    """The accounts and dialogues among plain values of a row, which are taken out of them."""
+    kinds = {"account": Account, "dialogue": Dialogue}
+    return {name: restored(kind, values.pop(name)) for name, kind in kinds.items() if name in values}
 
 
 def expect_schema(values: Mapping[str, Any]) -> None:

@@ -14,7 +14,7 @@ from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.stl import Comparison, Execution, Signal, Specification, always, condition
 from rf_exp.coordination import Rule
 from rf_exp.errors import ArgumentError
-from rf_exp.findings import About, Cause, CheckName, Finding, Found, Violation
+from rf_exp.findings import About, Cause, CheckName, Finding, Found, Misread, Violation
 from rf_exp.statements import TABLE, VERBS, Event, LiesOn, Proposal, Statement, Step, agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import Kind, Scene, Subgoal
@@ -196,7 +196,7 @@ class Plans:
         )
 
     def refused(self, why: str) -> ArgumentError:
-        return ArgumentError(f"constraint {self._stated.sentence!r} {why}")
+        return Misread(f"constraint {self._stated.sentence!r} {why}", Finding.UNFITTING_CONSTRAINT)
 
 
 def checked_kinds() -> Mapping[type[Statement], type[Check]]:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.stl import Execution
 from rf_exp.coordination import actions, intended
-from rf_exp.datagen.brain import Brain, FaultyBrain, Question, to_json
+from rf_exp.datagen.answers import Answers
+from rf_exp.datagen.brain import Brain, FaultyBrain, LanguageBrain, Question, to_json
 from rf_exp.datagen.disturb import Disturbance, ObjectMotionWatch, nearer
 from rf_exp.datagen.driving import (
     as_commanded,
@@ -29,7 +30,7 @@ from rf_exp.datagen.driving import (
 )
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
-from rf_exp.findings import Account, Violation
+from rf_exp.findings import Account, Dialogue, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
 from rf_exp.processes import Timeout, in_order
@@ -73,6 +74,7 @@ class Outcome:
     # Which violations ended proposals, which arms touched, what failed.
     account: Account = field(default_factory=Account)
     episode: Episode | None = None
+    dialogue: Dialogue = field(default_factory=Dialogue)  # what was proposed, and what became of it
 
     @property
     def violations(self) -> int:
@@ -181,6 +183,7 @@ class _Making:
         self._usual, self._settings, self._seed = maker.settings.task, maker.settings.of(seed), seed
         self._world, self._observer, self._extras = maker.world, maker.observer, maker.extras
         self._planner, self._ledger = Planner(self._settings, maker.brain), Ledger()
+        self._answers = Answers()
         self._frames: list[_Frame] = []
         self._proposed: list[dict[str, object]] = []  # proposals with their checks, and violations, as JSON
         self._perturbations = np.random.default_rng([seed, DISTURBANCES])
@@ -210,6 +213,7 @@ class _Making:
             time.perf_counter() - self._began,
             replace(self._ledger.account(success), rejections=tuple(rejections), refused=self._object_moved),
             self._episode() if success else None,
+            self._answers.dialogue([frame.action for frame in self._frames]),
         )
 
     def _rounds(self, rng: np.random.Generator) -> list[Violation]:
@@ -221,10 +225,13 @@ class _Making:
             if len(rejections) >= settings.attempts or self.over:
                 break
             pictures = self._world.images() if self._world.cameras else {}
-            result = self._plan(Question(settings.task, self.scene, pictures, done, feedback), rng)
+            question = Question(settings.task, self.scene, pictures, done, feedback)
+            result = self._plan(question, rng)
+            stopped = self._execute(result) if isinstance(result, Planned) else None
+            self._answers.note(question, self._planner.proposal, result, stopped)
             if result is None:  # the brain has nothing left to do
                 break
-            violation = result if isinstance(result, Violation) else self._execute(result)
+            violation = result if isinstance(result, Violation) else stopped
             if isinstance(result, Planned) and violation is None:
                 feedback, done = (), done + result.proposal.subgoals
             elif violation is not None:
@@ -403,6 +410,8 @@ def make_episode(
     take = partial(depth_and_segmentation, world, cameras, extras)
     brain = settings.make_brain(seed)
     made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
+    if isinstance(brain, LanguageBrain):
+        made = replace(made, dialogue=brain.accounted(made.dialogue))
     if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # it shows nothing of the fault
         ended = f"the fault {brain.fault.name} was not planted: no plan in this scene has a place for it"
         return replace(made, success=False, episode=None, account=Account(ended=ended))

@@ -16,7 +16,7 @@ from rf_exp.datagen.motion.state import Unreachable
 from rf_exp.datagen.obstacles import Obstacles, taken
 from rf_exp.datagen.yielding import Way, ways
 from rf_exp.errors import ArgumentError
-from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.findings import Cause, CheckName, Finding, Misread, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task, default_of
@@ -95,6 +95,7 @@ class Planner:
 
     def __init__(self, settings: Settings, brain: Brain) -> None:
         self._settings, self._brain = settings, brain
+        self.proposal: Proposal | None = None  # the last one, as it was written; None: it could not be read
 
     def plan(
         self,
@@ -108,8 +109,9 @@ class Planner:
         With `pauses` arms pause at random, where the settings have delays.
         """
         task, constraint_set = self._settings.task, self._settings.constraint_set
+        self.proposal = None
         try:
-            proposal = from_json(self._brain.answer(question), task)
+            self.proposal = proposal = from_json(self._brain.answer(question), task)
             proposal = allocated(proposal, task, scene, self._settings.limits)
         except BadAnswer as error:
             return _refused(CheckName.BRAIN, scene, error)
@@ -216,6 +218,7 @@ def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:
 
 def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:
     """An answer that is not understood; what its reader says of it goes back to RoboBrain as it is."""
+    finding = error.finding if isinstance(error, BadAnswer | Misread) else Finding.REFUSED
     return Violation(
-        check=check, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=scene.time_s, refusal=str(error)
+        check=check, cause=Cause.ANSWER, finding=finding, time_s=scene.time_s, refusal=str(error)
     )

@@ -1,6 +1,7 @@
 """What went wrong, as values: violations, and the account of an episode. Sentences are written from them."""
 
 from rf_exp.findings.account import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
+from rf_exp.findings.dialogue import Answer, Dialogue, Ruling
 from rf_exp.findings.finding import (
     About,
     Cause,
@@ -8,6 +9,7 @@ from rf_exp.findings.finding import (
     Doing,
     Finding,
     Found,
+    Misread,
     Violation,
     agent_name,
     names,
@@ -17,14 +19,18 @@ __all__ = [
     "NOTHING",
     "About",
     "Account",
+    "Answer",
     "Cause",
     "CheckName",
     "Closest",
+    "Dialogue",
     "Doing",
     "Finding",
     "Found",
     "Knock",
     "Lost",
+    "Misread",
+    "Ruling",
     "Touch",
     "Unmet",
     "Violation",

@@ -9,6 +9,8 @@ from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
 from typing import TypedDict
 
+from rf_exp.errors import ArgumentError
+
 
 class Finding(StrEnum):
     """What was found, with the form of its sentence: here after the first colon."""
@@ -163,6 +165,23 @@ class Finding(StrEnum):
     OBJECT_MOVED = "object_moved: a disturbed arm has moved {object} by {mm:.0f} mm"
     CLUTTER_MOVED = "clutter_moved: an arm, or what it carries, has moved {object} by {mm:.0f} mm"
 
+    # Why an answer is refused before there is a plan.
+    UNREACHED = "model not reached: {refusal}"
+    REJECTED = "request rejected: {refusal}"
+    SPENT = "calls used up: {refusal}"
+    DECLINED = "model declines: {refusal}"
+    CUT_OFF = "answer cut off: {refusal}"
+    NO_ANSWER = "no answer: {refusal}"
+    NO_JSON = "no JSON: {refusal}"
+    OTHER_FORM = "another form: {refusal}"
+    UNKNOWN_AGENT = "unknown agent: {refusal}"
+    UNKNOWN_OBJECT = "unknown object: {refusal}"
+    UNKNOWN_POINT = "unknown point: {refusal}"
+    UNREAD_SUBGOAL = "subgoal not understood: {refusal}"
+    TOO_MANY_SUBGOALS = "too many subgoals: {refusal}"
+    UNREAD_CONSTRAINT = "constraint not understood: {refusal}"
+    UNFITTING_CONSTRAINT = "constraint that does not fit the subgoals: {refusal}"
+
     # Whatever else.
     REFUSED = "not understood: {refusal}"
     IDLE = "not in this plan: nothing in this plan is about it"
@@ -257,11 +276,24 @@ class Violation(Found):
     cause: Cause
 
     @property
+    def code(self) -> str:
+        """What it was found to be, as one word: `unknown_object`, `out_of_reach`."""
+        return self.finding.name.lower()
+
+    @property
     def kind(self) -> str:
         """Without what differs from seed to seed: equal failures are equal texts."""
         who = " and ".join(map(agent_name, self.agents))
         about = self.obstacles or ((self.object,) if self.object else ())
         return ": ".join(filter(None, (who, f"{self.finding} {', '.join(about)}".strip())))
+
+
+class Misread(ArgumentError):
+    """What cannot be understood, with what it was found to be."""
+
+    def __init__(self, told: object, finding: Finding = Finding.REFUSED) -> None:
+        super().__init__(str(told))
+        self.finding = finding
 
 
 def agent_name(agent: int) -> str:

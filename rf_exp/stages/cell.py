@@ -24,6 +24,7 @@ from rf_exp.artifacts import (
     write_json,
 )
 from rf_exp.datagen import COORDINATOR_VERSION, Settings, generator_version
+from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
 from rf_exp.policy import SHIELD_VERSION, View, views
@@ -83,7 +84,13 @@ class Cell:
     def data_path(self) -> Path:
         """The store of its demonstrations."""
         out, name = self.experiment.out, self.experiment.data
-        return out / "data" / self.task.name / self.constraint_set.name / f"{name}.zarr"
+        return out / "data" / self.task.name / self.constraint_set.name / f"{name}{self._by}.zarr"
+
+    @property
+    def _by(self) -> str:
+        """In names of what other brains than the scripted one have proposed."""
+        label = self.experiment.brain.label
+        return "" if label == ScriptedSpec.name else f"-by-{label}"
 
     @property
     def generation_path(self) -> Path:
@@ -93,6 +100,7 @@ class Cell:
             name += "-disturbed" if self.experiment.delay_s else "-disturbed-punctual"
         if self.task.variation.identity:
             name += f"-in-{self.task.variation.name}"
+        name += self._by
         return self.experiment.out / "results" / "generate" / self.task.name / f"{name}.jsonl"
 
     def shards_path(self, digest: str) -> Path:

@@ -47,6 +47,8 @@ def generate_data(cell: Cell) -> int:
             pictured = replace(cell, experiment=replace(experiment, pictures=pictures))
             source = Shards(pictured, generate_data).attempts
         made = collect(cell, "generate", store, rows_path, span, enough, source)
+        for line in what_was_said(cell, [row for row in known_rows(rows_path, GenerationRow) if row.seed in span]):
+            console.print(f"{title}: {line}")
         keep_text(path.with_suffix(".md"), card(store))
         _record(cell, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
@@ -55,6 +57,19 @@ def generate_data(cell: Cell) -> int:
                 f"failed {_commonest(read_rows(rows_path, GenerationRow))}; the rows are in {rows_path}"
             )
         return made
+
+
+def what_was_said(cell: Cell, rows: Iterable[GenerationRow]) -> Iterator[str]:
+    """What RoboBrain's answers came to, where any was refused, and where those of a model are kept."""
+    said = [row.dialogue for row in rows]
+    codes = sum((each.codes for each in said), Counter[str]())
+    if codes:
+        answers, rounds = sum(len(each.answers) for each in said), sum(len(each.rounds) for each in said)
+        listed = ", ".join(f"{code} {count}" for code, count in codes.most_common())
+        repairs = sum(each.repairs for each in said)
+        yield f"{answers} answers in {rounds} rounds, {repairs} repairs, {codes.total()} refusals: {listed}"
+    if (folder := cell.settings.brain.folder) is not None:
+        yield f"exchanges in {folder / cell.task.name / cell.constraint_set.name}"
 
 
 def why_seeds_failed(experiment: Experiment) -> str:
@@ -196,7 +211,7 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
     return GenerationRow(
         task=task.name,
         constraints=settings.constraint_set.name,
-        brain=settings.brain.name,
+        brain=settings.brain.label,
         seed=outcome.seed,
         success=outcome.success,
         success_paper=outcome.success_paper,
@@ -213,6 +228,7 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
         account=outcome.account,
         variation=task.variation.name,
         drawn=drawn_of(task, outcome.seed),
+        dialogue=outcome.dialogue,
     )
 
 

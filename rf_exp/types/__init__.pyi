@@ -43,6 +43,7 @@ from .scene import GRIPPER_CLOSED as GRIPPER_CLOSED
 from .scene import GRIPPER_OPEN as GRIPPER_OPEN
 from .scene import PIXELS as PIXELS
 from .scene import PLANNING as PLANNING
+from .scene import PROPOSALS as PROPOSALS
 from .scene import SCENE as SCENE
 from .scene import UNITS as UNITS
 from .scene import VARIATION as VARIATION

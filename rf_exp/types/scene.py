@@ -20,7 +20,7 @@ GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normali
 # Streams of random numbers of an episode: `default_rng([seed, STREAM, ...])`. Each serves one thing; faults
 # of a brain are drawn where disturbances are. NumPy fills a seed up with zeros: who draws from
 # `[seed, STREAM]` and from `[seed, STREAM, 0]` draws the same numbers twice. Further numbers begin at 1 then.
-SCENE, PLANNING, DISTURBANCES, CORRECTION, PIXELS, FLICKER, VARIATION = range(7)
+SCENE, PLANNING, DISTURBANCES, CORRECTION, PIXELS, FLICKER, VARIATION, PROPOSALS = range(8)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,10 @@ from typing import Any, cast
 import dacite
 
 from rf_exp.datagen.brain.faults import FAULTS
-from rf_exp.datagen.brain.language import OpenAISpec, ReplaySpec
+from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
+from rf_exp.datagen.brain.legal import Legal, legal
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
+from rf_exp.datagen.brain.random import RandomBrain, RandomSpec
 from rf_exp.datagen.brain.scripted import (
     FaultyBrain,
     FaultySpec,
@@ -29,20 +31,25 @@ __all__ = [
     "BrainSpec",
     "FaultyBrain",
     "FaultySpec",
+    "LanguageBrain",
+    "Legal",
     "OpenAISpec",
     "Question",
+    "RandomBrain",
+    "RandomSpec",
     "ReplaySpec",
     "ScriptedBrain",
     "ScriptedSpec",
     "applies",
     "faults_for",
     "from_json",
+    "legal",
     "probe",
     "read_brain",
     "to_json",
 ]
 
-SPECS = {spec.name: spec for spec in (ScriptedSpec, OpenAISpec, ReplaySpec, FaultySpec)}
+SPECS = {spec.name: spec for spec in (ScriptedSpec, OpenAISpec, ReplaySpec, FaultySpec, RandomSpec)}
 
 
 def read_brain(node: Mapping[str, Any]) -> BrainSpec:

@@ -1,7 +1,8 @@
 """The RoboBrain that is a language model, live or from a recording: what it is shown and asked."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rf_exp.artifacts import without
+from rf_exp.datagen.brain.legal import legal
 from rf_exp.datagen.brain.protocol import (
     BadAnswer,
     BrainSpec,
@@ -23,6 +25,7 @@ from rf_exp.datagen.brain.protocol import (
 )
 from rf_exp.datagen.brain.talk import Chat, Connection, Message, OpenAIChat, ReplayChat, exchanges_path
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.findings import Dialogue
 from rf_exp.statements import Proposal, Unread, samples, subgoal_forms, understood
 from rf_exp.tasks import Task
 from rf_exp.texts import shown
@@ -30,6 +33,7 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, ConstraintSet, Pictures, camera_names
 
 JPEG_QUALITY = 90
+LONGEST_NAME = 60  # characters of a model's name in those of files
 LONGEST_SAID = 6000  # characters of its last answer that a model is shown
 
 
@@ -84,13 +88,25 @@ class Sight:
 class LanguageBrain:
     """Puts the scene into words, asks, and has unclear constraints restated."""
 
-    def __init__(self, name: str, chat: Chat, *, sight: Sight | None, restates: bool) -> None:
+    def __init__(
+        self, name: str, chat: Chat, *, sight: Sight | None, restates: bool, enumerates: bool = False
+    ) -> None:
         self.name = name
-        self._chat, self._sight, self._restates = chat, sight, restates
+        self._chat, self._sight, self._restates, self._enumerates = chat, sight, restates, enumerates
         self._said = ""  # the last answer, as it was written
 
+    def accounted(self, dialogue: Dialogue) -> Dialogue:
+        """The dialogue of the episode with what the model was asked for it, once that is over.
+
+        What became of each proposal is noted beside what was said.
+        """
+        self._chat.judged([" ".join(filter(None, (each.ruling, each.code))) for each in dialogue.answers])
+        calls, usage = self._chat.calls, self._chat.usage
+        return replace(dialogue, calls=calls, **asdict(usage))
+
     def answer(self, question: Question) -> str:
-        schema = strict_answer(question.task).model_json_schema()
+        known = legal(question.task, question.scene) if self._enumerates else None
+        schema = strict_answer(question.task, known).model_json_schema()
         messages = _messages(question, self._sight, self._said if question.feedback else "")
         self._said = ""  # where the model gives none now
         self._said = text = self._chat.ask("propose", messages, schema)
@@ -114,7 +130,7 @@ class OpenAISpec(Connection, BrainSpec):
     cameras: str  # those of which: all | local | global
     picture_px: int | None  # longer side of them; None: as the cameras take them
     restate: bool  # have constraints restated that the grammar does not understand
-    exchanges: Path | None  # folder for what was said; None: it is not kept
+    exchanges: Path | None  # folder for what was said, in one of each model; None: it is not kept
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -126,19 +142,31 @@ class OpenAISpec(Connection, BrainSpec):
         return Sight(self.cameras, self.picture_px) if self.pictures else None
 
     @property
+    def label(self) -> str:
+        """With the model, whose name is made fit for one of a file."""
+        model = re.sub(r"[^\w.=-]", "-", self.model, flags=re.ASCII)[:LONGEST_NAME]
+        return f"{self.name}+{model}"
+
+    @property
+    def folder(self) -> Path | None:
+        return self.exchanges and self.exchanges / self.label
+
+    @property
     def identity(self) -> dict[str, object]:
         """What decides the answers; patience and budget are none of it."""
         keys = ("model", "base_url", "structured", "temperature", "max_tokens", "pictures", "restate")
-        said = {key: getattr(self, key) for key in (*keys, "extra_body", "cameras", "picture_px")}
-        return {"name": self.name, **without(said, extra_body=None, cameras="all", picture_px=None)}
+        later = {"extra_body": None, "cameras": "all", "picture_px": None, "enumerated": False}
+        said = {key: getattr(self, key) for key in (*keys, *later)}
+        return {"name": self.name, **without(said, **later)}
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> LanguageBrain:
-        path = exchanges_path(self.exchanges, task, constraint_set, seed) if self.exchanges else None
-        return LanguageBrain(self.name, OpenAIChat(self, path), sight=self.sight, restates=self.restate)
+        path = exchanges_path(self.folder, task, constraint_set, seed) if self.folder else None
+        how = {"restates": self.restate, "enumerates": self.enumerated}
+        return LanguageBrain(self.name, OpenAIChat(self, path), sight=self.sight, **how)
 
     def again(self) -> BrainSpec:
         """The same answers once more, without asking where they were kept."""
-        return ReplaySpec(self.exchanges, self.restate) if self.exchanges else self
+        return ReplaySpec(self.folder, self.restate) if self.folder else self
 
 
 @dataclass(frozen=True)
@@ -148,7 +176,7 @@ class ReplaySpec(BrainSpec):
     name: ClassVar[str] = "replay"
     reads: ClassVar[bool] = True
 
-    exchanges: Path  # folder, as `brain=openai` left it
+    exchanges: Path  # folder of one model, as `brain=openai` left it
     restate: bool  # as in the run that was recorded
 
     @property

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import StrEnum
 from itertools import pairwise
-from typing import Any, ClassVar, Protocol, get_args, runtime_checkable
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,9 @@ from pydantic import (
     model_validator,
 )
 
-from rf_exp.errors import ArgumentError, StageError
-from rf_exp.findings import Violation
+from rf_exp.datagen.brain.legal import Legal
+from rf_exp.errors import StageError
+from rf_exp.findings import Finding, Misread, Violation
 from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
@@ -40,6 +42,7 @@ _COMMENTS = (  # keys under which a model says why it answers so
     "comments note notes id index"
 )
 
+MOST_OF_A_KIND = 4  # constraints for each agent, where a schema lists what may be said
 LONGEST_TEXT = 200_000  # characters; an answer has a few thousand
 _DEEPEST = 4  # wrappers round an answer
 _MOST_FAILURES = 16  # braces after which no JSON comes, until the search is given up
@@ -57,13 +60,23 @@ _REFUSES = re.compile(
 class BadAnswer(StageError):
     """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
 
+    usual: ClassVar[Finding] = Finding.REFUSED
+
+    def __init__(self, told: object, finding: Finding | None = None) -> None:
+        super().__init__(told)
+        self.finding = finding or self.usual
+
 
 class Unreached(BadAnswer):
     """The model was not asked: there is no way to it, the server is busy or broken, or wants another key."""
 
+    usual: ClassVar[Finding] = Finding.UNREACHED
+
 
 class Rejected(BadAnswer):
     """The server will not carry out the request as it is (status 400, 422 or 501)."""
+
+    usual: ClassVar[Finding] = Finding.REJECTED
 
 
 @dataclass(frozen=True)
@@ -98,6 +111,16 @@ class BrainSpec(Protocol):
     reads: ClassVar[bool] = False  # title, description and pictures of the task: they decide its answers
 
     @property
+    def label(self) -> str:
+        """Which one it is, in rows and in names of files: `scripted`, `openai+gpt-4o`."""
+        return self.name
+
+    @property
+    def folder(self) -> Path | None:
+        """Where what is said to a model and by it is kept; None: nowhere."""
+        return None
+
+    @property
     def identity(self) -> Mapping[str, object]:
         """What decides the answers, as JSON values: runs that differ here must not be mixed."""
         return {"name": self.name}
@@ -119,7 +142,9 @@ def plain(key: str) -> str:
 def read_object(text: str, key: str) -> dict[str, Any]:
     """The one JSON object with `key` in a text. Raises BadAnswer that says what there is instead."""
     if len(text) > LONGEST_TEXT:
-        raise BadAnswer(f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}")
+        raise BadAnswer(
+            f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}", Finding.OTHER_FORM
+        )
     thought, said = _parted(text)
     answers: list[dict[str, Any]] = []
     why = "it is empty"
@@ -137,11 +162,15 @@ def read_object(text: str, key: str) -> dict[str, Any]:
             continue
         break
     if any(answer != answers[0] for answer in answers):
-        raise BadAnswer(f"the answer holds {len(answers)} different objects with {key!r}; send one")
+        raise BadAnswer(
+            f"the answer holds {len(answers)} different objects with {key!r}; send one", Finding.OTHER_FORM
+        )
     if not answers:
-        raise BadAnswer(f"the answer is not the expected JSON: {why}")
+        raise BadAnswer(f"the answer is not the expected JSON: {why}", Finding.NO_JSON)
     if why:  # an answer beside something that is broken: which of them was meant?
-        raise BadAnswer(f"the answer is not the expected JSON: beside a whole object, {why}")
+        raise BadAnswer(
+            f"the answer is not the expected JSON: beside a whole object, {why}", Finding.OTHER_FORM
+        )
     return answers[0]
 
 
@@ -208,7 +237,7 @@ def _holding(value: object, key: str, depth: int = 0) -> Iterator[dict[str, Any]
 
 def _without_json(text: str) -> str:
     if _REFUSES.match(text):
-        raise BadAnswer(f"the model refuses: {printable(text)}")
+        raise BadAnswer(f"the model refuses: {printable(text)}", Finding.DECLINED)
     return f"there is no JSON in it, only text that begins {printable(text, _BEGIN)!r}"
 
 
@@ -289,25 +318,43 @@ class _Answer(_Part):
         }
 
 
-def strict_answer(task: Task) -> type[BaseModel]:
+def strict_answer(task: Task, known: Legal | None = None) -> type[BaseModel]:
     """An answer whose JSON schema is for servers that can hold a model to one.
 
-    It lists the agents of the task and anybody. Every key is required, as strict structured output wants it.
+    It lists the agents of the task and anybody; of what is `known` to be legal in a scene, every subgoal of
+    every agent and every constraint, and then no other can be written. Every key is required, as strict
+    structured output wants it.
     """
-    several = len(task.agents) > 1  # who of one does a job is no question
+    several = len(task.agents) > 1 and known is None  # who of one does a job is no question
     names = [agent_name(agent) for agent in (*task.agents, *((ANYBODY,) if several else ()))]
     strict = ConfigDict(extra="forbid")
     agent: Any = StrEnum("Agent", {name: name for name in names})
     subgoals: dict[str, Any] = {name: (str, ...) for name in names}
-    fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (str, ...)}
-    entry: Any = create_model("Entry", __config__=strict, **fields)
-    kinds: dict[str, Any] = {kind.capitalize(): (list[entry], ...) for kind in KINDS}
+    if known is not None:
+        most = most_subgoals(task)
+        lines = {agent_name(number): [each.text for each in some] for number, some in known.subgoals.items()}
+        subgoals = {name: (_listed(Literal[tuple(texts)], most), ...) for name, texts in lines.items()}
+
+    def entries(kind: Kind) -> Any:
+        said: Any = str
+        if known is not None:
+            said = Literal[tuple(each.sentence for each in known.constraints if each.kind == kind) or ("",)]
+        fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (said, ...)}
+        entry: Any = create_model(f"{kind.capitalize()}Entry", __config__=strict, **fields)
+        return list[entry] if known is None else _listed(entry, MOST_OF_A_KIND * len(task.agents))
+
+    kinds: dict[str, Any] = {kind.capitalize(): (entries(kind), ...) for kind in KINDS}
     return create_model(
         "Answer",
         __config__=strict,
         Subgoals=(create_model("Subgoals", __config__=strict, **subgoals), ...),
         Constraints=(create_model("Constraints", __config__=strict, **kinds), ...),
     )
+
+
+def _listed(each: Any, most: int) -> Any:
+    """A list of up to so many."""
+    return Annotated[list[each], Field(max_length=most)]
 
 
 def to_json(proposal: Proposal) -> str:
@@ -341,11 +388,14 @@ def from_json(text: str, task: Task) -> Proposal:
             f"{printable('.'.join(map(str, e['loc'])), 60) or 'answer'}: {e['msg']}"
             for e in error.errors()[:5]
         )
-        raise BadAnswer(f"the answer is not the expected JSON: {details}") from error
+        told = f"the answer is not the expected JSON: {details}"
+        raise BadAnswer(told, Finding.OTHER_FORM) from error
     lines: dict[int, str] = {}
     for name, line in answer.subgoals.items():
         if lines.setdefault(agent_number(name, task), line) is not line:
-            raise BadAnswer(f"the subgoals of Agent_{agent_number(name, task)} are there twice")
+            raise BadAnswer(
+                f"the subgoals of Agent_{agent_number(name, task)} are there twice", Finding.OTHER_FORM
+            )
     subgoals = tuple(subgoal for agent, line in lines.items() for subgoal in _subgoals(agent, line, task))
     constraints = []
     for kind in KINDS:
@@ -362,7 +412,8 @@ def agent_number(name: str, task: Task) -> int:
     match = re.fullmatch(r"agent[_ ]?(\d{1,2})", name.strip(), re.IGNORECASE)
     if match is None or int(match[1]) not in task.agents:
         known = ", ".join(map(agent_name, task.agents))
-        raise BadAnswer(f"unknown agent {printable(repr(name), 80)}; available: {known}")
+        told = f"unknown agent {printable(repr(name), 80)}; available: {known}"
+        raise BadAnswer(told, Finding.UNKNOWN_AGENT)
     return int(match[1])
 
 
@@ -377,13 +428,15 @@ def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
     if len(parts) > most_subgoals(task):
         raise BadAnswer(
             f"Agent_{agent} has {len(parts)} subgoals; in one answer for {task.name} an agent has up to "
-            f"{most_subgoals(task)}"
+            f"{most_subgoals(task)}",
+            Finding.TOO_MANY_SUBGOALS,
         )
     try:
         found = [read_subgoal(agent, part, task.vocabulary) for part in parts]
-    except ArgumentError as error:
-        raise BadAnswer(str(error)) from error
+    except Misread as error:
+        raise BadAnswer(str(error), error.finding) from error
     for each, following in pairwise(found):
         if each == following:
-            raise BadAnswer(f"Agent_{agent} has the subgoal {each.text!r} twice in a row")
+            told = f"Agent_{agent} has the subgoal {each.text!r} twice in a row"
+            raise BadAnswer(told, Finding.UNREAD_SUBGOAL)
     return found

@@ -1,6 +1,7 @@
 """One request to a server that speaks OpenAI's chat completions; slow to import for who asks no model.
 
-Whatever goes wrong on the way becomes a BadAnswer, which the generation loop treats like any other
+What the server tells beside the text, tokens and why it ended, comes with it (`Received`). Whatever goes
+wrong on the way becomes a BadAnswer, which the generation loop treats like any other
 failed proposal. Retries and `Retry-After` are the client's own. A body is counted as it is received and
 again as it is unpacked, so that neither one without an end nor a small one that unpacks into gigabytes is
 ever held in memory. Redirects are not followed: the scene and the key go to the address that the person gave.
@@ -11,6 +12,7 @@ import base64
 import json
 import zlib
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import httpx2
@@ -18,7 +20,8 @@ import openai
 from pydantic import BaseModel, Field, ValidationError
 
 from rf_exp.datagen.brain.protocol import BadAnswer, Rejected, Unreached
-from rf_exp.datagen.brain.talk import Connection, Message
+from rf_exp.datagen.brain.talk import Connection, Message, Usage
+from rf_exp.findings import Finding
 from rf_exp.texts import printable
 
 _REJECTED = (400, 422, 501)  # statuses of a request that is not understood, or cannot be carried out
@@ -26,12 +29,29 @@ LARGEST_BODY = 2**20  # bytes, received and unpacked; an answer of 4000 tokens h
 MOST = 100  # choices, and calls of tools; a body of things that are none would be told of at great length
 
 
+@dataclass(frozen=True)
+class Received:
+    """A completion that came, of use or not."""
+
+    said: str | BadAnswer  # the model's text, or why there is none
+    finish_reason: str | None = None
+    usage: Usage | None = None  # None: the server does not say
+
+    @property
+    def text(self) -> str:
+        """Raises BadAnswer where there is none."""
+        if isinstance(self.said, BadAnswer):
+            raise self.said
+        return self.said
+
+
 async def request(
     connection: Connection, key: str, messages: Sequence[Message], schema: Mapping[str, object]
-) -> str:
-    """The model's text. The deadline also ends answers that trickle in for ever. Raises BadAnswer.
+) -> Received:
+    """What a model answers. The deadline also ends answers that trickle in for ever.
 
-    The key may be in the text and in the error, where the server repeats it.
+    Raises BadAnswer where no completion comes. The key may be in the text and in the error, where the server
+    repeats it.
     """
     bounded = openai.DefaultAsyncHttpxClient(  # with the limits of the client, and proxies of the environment
         follow_redirects=False, headers={"Accept-Encoding": "gzip"}, event_hooks={"response": [_bound]}
@@ -60,7 +80,7 @@ async def request(
                 extra_body=connection.extra_body,
                 **options,
             )
-            return content(response.content, response.headers.get("Content-Type", "no type"))
+            return received(response.content, response.headers.get("Content-Type", "no type"))
     except TimeoutError:
         raise Unreached(f"the model did not answer within {connection.deadline_s:g} s") from None
     except openai.OpenAIError as error:
@@ -109,7 +129,10 @@ async def _bound(response: httpx2.Response) -> None:
         )
     packed = response.headers.pop("Content-Encoding", "identity").strip().lower()
     if packed not in ("gzip", "identity"):
-        raise BadAnswer(f"the answer is packed as {printable(packed, 60)!r}; asked for was gzip or nothing")
+        raise BadAnswer(
+            f"the answer is packed as {printable(packed, 60)!r}; asked for was gzip or nothing",
+            Finding.NO_ANSWER,
+        )
     assert isinstance(response.stream, httpx2.AsyncByteStream)
     response.stream = _Bounded(response.stream, packed == "gzip")
     response.encoding = "utf-8"  # whatever the server says: some of Python's codecs unpack, too
@@ -130,13 +153,15 @@ class _Bounded(httpx2.AsyncByteStream):
                 try:
                     chunk = inflate.decompress(chunk, LARGEST_BODY - unpacked + 1)
                 except zlib.error as error:
-                    raise BadAnswer(f"the answer cannot be unpacked: {error}") from None
+                    told = f"the answer cannot be unpacked: {error}"
+                    raise BadAnswer(told, Finding.NO_ANSWER) from None
             unpacked += len(chunk)
             if max(received, unpacked) > LARGEST_BODY:
-                raise BadAnswer(f"the answer is longer than {LARGEST_BODY} bytes; the rest was not read")
+                told = f"the answer is longer than {LARGEST_BODY} bytes; the rest was not read"
+                raise BadAnswer(told, Finding.CUT_OFF)
             yield chunk
         if inflate is not None and received and not inflate.eof:
-            raise BadAnswer("the answer cannot be unpacked: it is cut off")
+            raise BadAnswer("the answer cannot be unpacked: it is cut off", Finding.CUT_OFF)
 
     async def aclose(self) -> None:
         await self._stream.aclose()
@@ -164,33 +189,61 @@ class _Choice(BaseModel):
     finish_reason: str | None = None
 
 
+class _Usage(BaseModel):
+    prompt_tokens: int = Field(0, ge=0)
+    completion_tokens: int = Field(0, ge=0)
+
+
 class _Completion(BaseModel):
     """The part of a chat completion that matters; servers differ in the rest."""
 
     choices: list[_Choice] = Field(min_length=1, max_length=MOST, fail_fast=True)
+    usage: Any = None
 
 
-def content(body: bytes, kind: str) -> str:
-    """The model's text in a completion of that content type; what it thought, as `<think>`, where it wrote
-    JSON there and nothing elsewhere. Raises BadAnswer that says why there is none.
-    """
+def received(body: bytes, kind: str) -> Received:
+    """What is in a completion of that content type. Raises BadAnswer for a body that is none."""
     try:
-        choice = _Completion.model_validate_json(body).choices[0]
+        completion = _Completion.model_validate_json(body)
     except ValidationError as error:
         begins = printable(body[:60].decode("utf-8", "replace"))
         raise BadAnswer(
             f"the server's answer is not a chat completion: {error.errors()[0]['msg']}; it is "
-            f"{printable(kind, 60)} and begins {begins!r}"
+            f"{printable(kind, 60)} and begins {begins!r}",
+            Finding.NO_ANSWER,
         ) from None
+    choice = completion.choices[0]
+    try:
+        said: str | BadAnswer = _content(choice)
+    except BadAnswer as error:
+        said = error
+    return Received(said, choice.finish_reason, _usage(completion.usage))
+
+
+def _usage(told: object) -> Usage | None:
+    """The tokens that a server tells of, whatever else it tells; None where it does not."""
+    try:
+        found = _Usage.model_validate(told)
+    except ValidationError:
+        return None
+    return Usage(found.prompt_tokens, found.completion_tokens)
+
+
+def _content(choice: _Choice) -> str:
+    """The model's text; what it thought, as `<think>`, where it wrote JSON there and nothing elsewhere.
+
+    Raises BadAnswer that says why there is none.
+    """
     message = choice.message
     parts = message.content if isinstance(message.content, list) else [message.content]
     said = [each.get("refusal") for each in parts if isinstance(each, dict)]
     if refusal := message.refusal or next((each for each in said if each), None):
-        raise BadAnswer(f"the model refuses: {printable(refusal)}")
+        raise BadAnswer(f"the model refuses: {printable(refusal)}", Finding.DECLINED)
     if choice.finish_reason == "length":
-        raise BadAnswer("the answer is cut off: it reached brain.max_tokens before its end")
+        told = "the answer is cut off: it reached brain.max_tokens before its end"
+        raise BadAnswer(told, Finding.CUT_OFF)
     if choice.finish_reason == "content_filter":
-        raise BadAnswer("the answer is withheld by the server's content filter")
+        raise BadAnswer("the answer is withheld by the server's content filter", Finding.DECLINED)
     called = [call.function for call in message.tool_calls or ()] + [message.function_call]
     found = [each.arguments for each in called if each is not None]
     texts = [each if isinstance(each, str) else json.dumps(each) for each in found if each]
@@ -198,14 +251,15 @@ def content(body: bytes, kind: str) -> str:
     if "".join(texts).strip():
         return "\n".join(texts)
     if found:
-        raise BadAnswer("the answer is a tool call without arguments")
+        raise BadAnswer("the answer is a tool call without arguments", Finding.NO_ANSWER)
     thought = "\n".join(dict.fromkeys(_thoughts(message, parts)))
     if "{" in thought:
         return f"<think>{thought}"
     if thought.strip() or message.reasoning or message.reasoning_content:
-        raise BadAnswer("the answer is thinking only: it has no text")
+        raise BadAnswer("the answer is thinking only: it has no text", Finding.NO_ANSWER)
     others = sorted({printable(str(each.get("type")), 40) for each in parts if isinstance(each, dict)})
-    raise BadAnswer(f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}")
+    told = f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}"
+    raise BadAnswer(told, Finding.NO_ANSWER)
 
 
 def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:

