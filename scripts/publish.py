@@ -2,6 +2,7 @@
 
     python scripts/publish.py outputs/benchmark [--scenes 100]
     python scripts/publish.py outputs/expert --demonstrations expert
+    python scripts/publish.py outputs/brains --demonstrations brains
 
 Then `python docs/policies.py` and `python docs/tables.py` write the pages. A training seed that has all its
 scenes takes the place of the same one in results/; others there stay as long as they were evaluated alike.
@@ -31,6 +32,7 @@ from rf_exp.ablation import (
 from rf_exp.artifacts import configuration_file, read_json
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Dialogue
 from rf_exp.progress import console
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -54,13 +56,16 @@ def publish(out: Path, results: Path, scenes: int) -> None:
 
 
 def publish_demonstrations(out: Path, results: Path, of: str) -> None:
-    """Of the `expert` the rows of `full` below `out/results/generate`, of the `ablation` all rows."""
+    """Of the `expert` the rows of `full` below `out/results/generate`, of `ablation`, `brains` all rows."""
     for path in _files(out, "generate/*"):
         task, constraints = path.parent.name, path.stem
         if of == "expert" and constraints != "full":
             continue
         to = results / of / (f"{task}{PUBLISHED}" if of == "expert" else f"{task}/{constraints}{PUBLISHED}")
-        write_published(to, Published(read_rows(path, GenerationRow)))
+        rows = read_rows(path, GenerationRow)
+        if of != "brains":  # what was answered would be most of the bytes
+            rows = tuple(replace(row, dialogue=Dialogue()) for row in rows)
+        write_published(to, Published(rows))
         console.print(str(to))
 
 
@@ -118,7 +123,9 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="of the runs, such as outputs/benchmark")
     parser.add_argument("--scenes", type=int, default=100, help="that a training seed must have (100)")
     parser.add_argument(
-        "--demonstrations", choices=("expert", "ablation"), help="rows of demonstrations instead, and of what"
+        "--demonstrations",
+        choices=("expert", "ablation", "brains"),
+        help="rows of demonstrations instead, and of what",
     )
     parser.add_argument("--results", type=Path, default=RESULTS, help="where to (results/)")
     arguments = parser.parse_args()

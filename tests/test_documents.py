@@ -116,7 +116,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("there")
     trimesh.creation.box((0.25, 0.09, 0.1)).apply_translation((0, 0, 0.05)).export(made / "my_shoe.glb")
     (made / "my_shoe.yaml").write_text(mesh.write(assets.load("shoe"), "my_shoe.glb"))
-    (made / "outputs/exchanges").mkdir(parents=True)
+    (made / "outputs/exchanges/openai+gpt-4o").mkdir(parents=True)
     shutil.make_archive(str(made / "FILE"), "zip", packed(made / "FOLDER", released()))
     return made
 

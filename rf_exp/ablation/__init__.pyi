@@ -1,4 +1,5 @@
 from .formats import show as show
+from .formats import turned as turned
 from .plots import read_curves as read_curves
 from .report import publish as publish
 from .results import FILM as FILM
@@ -26,6 +27,7 @@ from .statistics import difference as difference
 from .statistics import mean as mean
 from .statistics import paired as paired
 from .statistics import wilson as wilson
+from .tables.brains import brains as brains
 from .tables.counting import BASELINE_ARCH as BASELINE_ARCH
 from .tables.counting import BASELINE_CONSTRAINTS as BASELINE_CONSTRAINTS
 from .tables.counting import both_ways as both_ways

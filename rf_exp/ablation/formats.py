@@ -2,12 +2,13 @@
 
 Success at the end, success without a violation and violations are shown alike. In Markdown and LaTeX a
 column of figures is two, ours and the paper's; of violations, which the paper does not count, it is one.
-On the terminal each column is a table of its own, narrow enough for 80 characters.
+On the terminal each column is a table of its own, narrow enough for 80 characters; a table without figures
+that the paper has too is turned there: lines of one title stand side by side, in a table for each title.
 """
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -154,17 +155,37 @@ def show(table: Table, console: Console, said: set[str] | None = None) -> None:
             console.print(Words(f"\n{title}", style="italic"), _column(table, index, after), sep="\n", end="")
         else:
             console.print(Words.assemble((f"\n{title}", "italic"), f": {MISSING}"))
+    if not table.compared:
+        for title, heading, rows in turned(table, lambda cell: cell.markdown().replace("**", "")):
+            shown = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+            for each in heading:
+                shown.add_column(Words(each), overflow="fold")
+            for row in rows:
+                shown.add_row(*map(Words, row))
+            console.print(Words(f"\n{title}", style="italic"), shown, sep="\n", end="")
     for note in notes(table):
         if note not in said:
             console.print(Words(f"- {note}"), soft_wrap=False)
         said.add(note)
 
 
+def turned(table: Table, told: Callable[[Cell], str]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+    """(title, heading, rows) of its lines of one title: a column for each, which their first cell names."""
+    for title in dict.fromkeys(line.title for line in table.lines):
+        lines = [line for line in table.lines if line.title == title]
+        first, *columns = table.columns
+        rows = [
+            [column.title, *(told(line.cells[index]) for line in lines)]
+            for index, column in enumerate(columns, start=1)
+        ]
+        yield title, [first.title, *(told(line.cells[0]) for line in lines)], rows
+
+
 def _column(table: Table, index: int, after: int | None) -> Grid:
     """One column: our figures, the rates without a violation, the violations, the paper's figures."""
     rates, titles = table.columns[index].kind is Rate, [line.title for line in table.lines]
     shown = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    shown.add_column(Words(table.heading), width=NAME_WIDTH)
+    shown.add_column(Words(table.heading), width=NAME_WIDTH, overflow="fold")
     shown.add_column("success" if rates else "control steps", justify="right", width=20)
     for heading in [CLEAN] * rates + ["violations"] * (after is not None):
         shown.add_column(heading, justify="right", width=13)

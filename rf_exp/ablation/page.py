@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.ablation import formats
-from rf_exp.ablation.tables.table import CLEAN, Difference, Score, Table, Text
+from rf_exp.ablation.tables.table import CLEAN, Difference, Score, Share, Table, Text
 from rf_exp.artifacts import rendered
 
 ABREAST = 5  # columns of figures that a page of 1400 pixels holds
@@ -73,7 +73,7 @@ def laid(table: Table) -> dict[str, Any]:
     """
     table = table.folded
     long = [i for i in range(len(table.columns)) if formats.is_long(table, i)]
-    alone = (Text, Difference, Score)  # what the paper has no figure of, and no violations
+    alone = (Text, Difference, Score, Share)  # what the paper has no figure of, and no violations
     texts = [i for i, column in enumerate(table.columns) if column.kind in alone and i not in long]
     figures = [index for index, _ in table.compared]
     rows = max(1, ceil(len(figures) / ABREAST))

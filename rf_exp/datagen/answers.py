@@ -1,4 +1,4 @@
-"""What is kept of RoboBrain's answers while an episode is made, beside what the scripted plan would have asked."""
+"""What is kept of RoboBrain's answers while an episode is made, beside what the scripted plan asks there."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -26,7 +26,7 @@ class Answers:
         plan: Planned | Violation | None,
         stopped: Violation | None,
     ) -> None:
-        """One more: what was asked, what was proposed if it could be read, what planning and execution gave."""
+        """One more: the question, what was proposed if it could be read, what planning and execution gave."""
         wrong = plan if isinstance(plan, Violation) else stopped
         told = dict[str, float]()
         if isinstance(plan, Planned):

@@ -160,7 +160,10 @@ class EpisodeMaker:
         Before that, commands (N, A) of somebody else may `lead` to where it begins; their steps are stored as
         nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
         """
-        return _Making(self, seed, known).run(lead)
+        made = _Making(self, seed, known).run(lead)
+        if isinstance(self.brain, LanguageBrain):
+            return replace(made, dialogue=self.brain.accounted(made.dialogue))
+        return made
 
 
 class _Frame(NamedTuple):
@@ -410,8 +413,6 @@ def make_episode(
     take = partial(depth_and_segmentation, world, cameras, extras)
     brain = settings.make_brain(seed)
     made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
-    if isinstance(brain, LanguageBrain):
-        made = replace(made, dialogue=brain.accounted(made.dialogue))
     if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # it shows nothing of the fault
         ended = f"the fault {brain.fault.name} was not planted: no plan in this scene has a place for it"
         return replace(made, success=False, episode=None, account=Account(ended=ended))

@@ -1,4 +1,4 @@
-"""What RoboBrain answered in an episode, as values: what became of each answer, what it says and what it lacks.
+"""What RoboBrain answered in an episode, as values: what became of each answer, what it says and lacks.
 
 A round ends once a plan has been carried out; the next one goes on from the new scene. Further answers within
 a round are repairs: they come after one that was refused, or stopped while it was carried out.
@@ -72,5 +72,5 @@ class Dialogue:
 
     @property
     def firsts(self) -> Iterator[Answer]:
-        """The first answer of each round, which no complaint has shaped, where it has subgoals or is refused."""
+        """The first answer of each round, which no complaint has shaped; not where nothing was left to do."""
         return (some[0] for some in self.rounds if some[0].ruling is not Ruling.NOTHING_LEFT)

@@ -47,7 +47,9 @@ def generate_data(cell: Cell) -> int:
             pictured = replace(cell, experiment=replace(experiment, pictures=pictures))
             source = Shards(pictured, generate_data).attempts
         made = collect(cell, "generate", store, rows_path, span, enough, source)
-        for line in what_was_said(cell, [row for row in known_rows(rows_path, GenerationRow) if row.seed in span]):
+        for line in what_was_said(
+            cell, [row for row in known_rows(rows_path, GenerationRow) if row.seed in span]
+        ):
             console.print(f"{title}: {line}")
         keep_text(path.with_suffix(".md"), card(store))
         _record(cell, experiment.recorded("generate", store.seeds.tolist()))

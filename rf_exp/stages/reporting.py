@@ -17,7 +17,16 @@ from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.cell import Cell, cells, known_rows, owned
 
-SHOWN = ("architectures", "recipes", "shield", "robustness", "final", "ablation_success", "ablation_length")
+SHOWN = (
+    "architectures",
+    "recipes",
+    "shield",
+    "robustness",
+    "final",
+    "ablation_success",
+    "ablation_length",
+    "brains",
+)
 
 
 def write_tables(experiment: Experiment) -> None:

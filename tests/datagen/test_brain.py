@@ -16,6 +16,7 @@ from rf_exp.datagen.brain import (
     FaultySpec,
     OpenAISpec,
     Question,
+    RandomSpec,
     ReplaySpec,
     ScriptedBrain,
     ScriptedSpec,
@@ -204,11 +205,17 @@ def composed(*overrides: str) -> dict[str, Any]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind"),
-    {"scripted": ScriptedSpec, "openai": OpenAISpec, "replay": ReplaySpec, "faulty": FaultySpec}.items(),
+    {
+        "scripted": ScriptedSpec,
+        "openai": OpenAISpec,
+        "replay": ReplaySpec,
+        "faulty": FaultySpec,
+        "random": RandomSpec,
+    }.items(),
 )
 def test_every_file_makes_a_brain_that_can_travel(name, kind, lift_barrier, monkeypatch, tmp_path):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-some-key")
-    (tmp_path / "exchanges" / "lift_barrier" / "full").mkdir(parents=True)
+    (tmp_path / "exchanges" / "openai+gpt-4o" / "lift_barrier" / "full").mkdir(parents=True)
     spec = read_brain(composed(f"brain={name}", f"out={tmp_path}"))
     assert isinstance(spec, kind) and spec.name == name
     brain = pickle.loads(pickle.dumps(spec)).make(lift_barrier, ConstraintSet("full"), 3)
@@ -223,13 +230,15 @@ def test_options_are_what_decides_the_answers():
     patient = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.retries=9"))
     other = read_brain(composed("brain=openai", "brain.model=b", "brain.temperature=1"))
     assert chosen.identity == patient.identity != other.identity
+    slashed = read_brain(composed("brain=openai", "brain.model='maker/b:free'"))
+    assert (other.label, slashed.label) == ("openai+b", "openai+maker-b-free")
     assert read_brain(composed("brain=faulty", "brain.fault=wrong_agent")).identity["fault"] == "wrong_agent"
 
 
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        ({"name": "oracle"}, "unknown brain 'oracle'; available: faulty, openai, replay, scripted"),
+        ({"name": "oracle"}, "unknown brain 'oracle'; available: faulty, openai, random, replay, scripted"),
         ({"name": "faulty", "fault": "bad_luck"}, "unknown fault 'bad_luck'"),
         ({"name": "faulty"}, "brain 'faulty': missing value for field \"fault\""),
         ({"name": "scripted", "model": "x"}, "brain 'scripted': .*model"),
@@ -250,11 +259,12 @@ def test_a_brain_that_cannot_be_read_names_what_is_wrong(node, message):
         ("deadline_s", float("inf"), "brain.deadline_s is inf"),
         ("base_url", "localhost:8000", "'localhost:8000'; an example: http://localhost:8000/v1"),
         ("base_url", "http://[", "cannot be read; an example"),
+        ("structured", False, "use brain.structured=true or brain.enumerated=false"),
     ],
 )
 def test_options_that_cannot_be_used_are_refused(key, value, message):
     with pytest.raises(ArgumentError, match=re.escape(message)):
-        read_brain(composed("brain=openai") | {key: value})
+        read_brain(composed("brain=openai") | {"enumerated": True, key: value})
 
 
 SECRET = "sk-live-abcdefgh12345678"

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rf_exp.ablation.results import Results
+from rf_exp.ablation.tables.brains import brains
 from rf_exp.ablation.tables.counting import ours, trial, unvaried
 from rf_exp.ablation.tables.expert import ablation_length, ablation_success
 from rf_exp.ablation.tables.known import Suite
@@ -28,12 +29,13 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
-    """Every table, by name, for a suite of tasks; `robustness` and `final` where there are such rows."""
+    """Every table, by name, for a suite of tasks; `robustness`, `final`, `brains` where rows are there."""
     of_trial = trial(results)
     usual = unvaried(of_trial)
     own = ours(usual)  # no table of ours counts rollouts of others
     tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
     notes = learnt_from(own)
     tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
-    further = robustness(of_trial, suite), final(ours(unvaried(results)), suite)
+    unseen = final(ours(unvaried(results)), suite)
+    further = robustness(of_trial, suite), unseen, brains(usual, suite)
     return {**tables, **{table.name: table for table in further if table.lines}}

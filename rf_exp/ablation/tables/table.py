@@ -188,7 +188,14 @@ class Score(Figure):
         return f"{value:.2f}"
 
 
-Cell = Rate | Length | Violations | Difference | Score | Text
+@dataclass(frozen=True)
+class Share(Figure):
+    """A share of attempts, in [0, 1], of which the paper has no figure."""
+
+    unit: ClassVar = "share"
+
+
+Cell = Rate | Length | Violations | Difference | Score | Share | Text
 
 
 def p_value(p: float) -> str:

@@ -1,8 +1,8 @@
 """What may be said in a scene: subgoals and constraints that are read without a complaint, all of them.
 
-A brain draws from them (`random.py`), and the schema of an answer can list them (`strict_answer`). They are
-legal and no more: whether an arm reaches a thing, and whether it is any use, is for planner and checks to say.
-Constraints that are made of a number (distances, heights, speeds, deadlines, zones) are not among them.
+A brain draws from them (`random.py`), and the schema of an answer can list them (`strict_answer`). They
+are legal and no more: whether an arm reaches a thing, and whether it is any use, is for planner and checks
+to say. Constraints that are made of a number (distances, speeds, deadlines, zones) are not among them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -64,8 +64,8 @@ class Connection:
             check_address(self.base_url)
         if self.enumerated and not self.structured:
             raise ArgumentError(
-                "brain.enumerated=true lists what may be said in the JSON schema, which brain.structured=false "
-                "does not send; use brain.structured=true or brain.enumerated=false"
+                "brain.enumerated=true lists what may be said in the JSON schema, which is not sent with "
+                "brain.structured=false; use brain.structured=true or brain.enumerated=false"
             )
         lowest = {"max_tokens": 1, "retries": 0, "min_interval_s": 0, "budget": 1}
         for name, low in lowest.items():
@@ -212,7 +212,9 @@ def read(path: Path) -> tuple[Exchange, ...]:
     found = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
-            found.append(dacite.from_dict(Exchange, json.loads(line), dacite.Config(cast=[Finding], strict=True)))
+            found.append(
+                dacite.from_dict(Exchange, json.loads(line), dacite.Config(cast=[Finding], strict=True))
+            )
         except (ValueError, TypeError, dacite.DaciteError) as error:
             raise StageError(f"{path}, line {number}: not a recorded exchange: {error}") from error
     return tuple(found)

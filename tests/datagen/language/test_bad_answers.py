@@ -139,7 +139,7 @@ def test_an_answer_that_is_none_is_repaired_by_the_next_one(kind, lift_world, se
     spec = openai_spec(server.url, timeout_s=0.3, deadline_s=1.0, exchanges=str(tmp_path))
     outcome = make(lift_world, spec)
     assert outcome.success and outcome.attempts == 2
-    feedback = read(tmp_path / "lift_barrier" / "full" / "0.jsonl")[1].messages[1]["text"]
+    feedback = read((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")[1].messages[1]["text"]
     assert reason in str(feedback)
 
 

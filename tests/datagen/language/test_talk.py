@@ -27,9 +27,12 @@ def test_a_model_makes_an_episode_that_is_repeated_from_its_recording(lift_world
     assert live.success and live.attempts == 1 and len(server.requests) == 3
     assert set(server.keys) == {f"Bearer {KEY}"}
 
-    kept = read(tmp_path / "lift_barrier" / "full" / "0.jsonl")
+    kept = read((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
     assert [(e.call, e.purpose, e.error) for e in kept] == [(k, "propose", None) for k in (1, 2, 3)]
     assert kept[0].reply == scripted_answers(task)[0] and kept[0].latency_s > 0
+    assert [e.verdict for e in kept] == ["carried out", "carried out", "nothing left"]
+    assert {e.finish_reason for e in kept} == {"stop"} and kept[0].sampling["temperature"] == 0.0
+    assert live.dialogue.calls == 3 and live.dialogue.prompt_tokens == 0  # as the server says nothing of them
     again = make(lift_world, spec.again())
     assert len(server.requests) == 3  # nobody was asked
     assert live.episode is not None and again.episode is not None
@@ -131,7 +134,7 @@ def test_replay_repeats_errors_and_needs_no_pictures(lift_barrier, server, tmp_p
     with pytest.raises(BadAnswer) as first:
         live.answer(seen)
     answer = live.answer(seen)
-    kept = json.loads((tmp_path / "lift_barrier/full/0.jsonl").read_text().splitlines()[0])
+    kept = json.loads(((spec.folder or tmp_path) / "lift_barrier/full/0.jsonl").read_text().splitlines()[0])
     assert len(kept["messages"][1]["pictures_sha256"]["global"]) == 64
     blind, replayed = Question(lift_barrier, scene, {}), spec.again().make(lift_barrier, FULL, 0)
     with pytest.raises(BadAnswer, match="500") as second:

@@ -1,0 +1,91 @@
+"""What brains are compared by: what is legal, what luck draws of it, what is kept of answers."""
+
+import json
+from collections.abc import Iterator
+
+import pytest
+
+from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen.answers import missing
+from rf_exp.datagen.brain import FaultySpec, Question, RandomSpec, from_json, legal
+from rf_exp.datagen.brain.protocol import strict_answer
+from rf_exp.findings import Dialogue, Ruling
+from rf_exp.sim import Simulator
+from rf_exp.statements import AvoidAgents, KeepLevel, read, read_subgoal
+from rf_exp.tasks import Task
+from tests.conftest import TASKS, read_task
+from tests.datagen.guard import FULL
+from tests.scenes import start_scene
+
+
+@pytest.fixture(params=TASKS)
+def task(request: pytest.FixtureRequest) -> Task:
+    return read_task(request.param)
+
+
+def test_what_is_legal_is_read_as_it_was_meant(task: Task) -> None:
+    known = legal(task, start_scene(task, 0))
+    for agent, subgoals in known.subgoals.items():
+        assert subgoals and all(read_subgoal(agent, each.text, task.vocabulary) == each for each in subgoals)
+    for each in known.constraints:
+        assert read(each.sentence, task.vocabulary, each.agents) == each
+
+
+def test_what_luck_draws_is_read_and_fits(task: Task) -> None:
+    question = Question(task, start_scene(task, 0), {})
+    for seed in range(4):
+        brain = RandomSpec().make(task, FULL, seed)
+        proposal = from_json(brain.answer(question), task)
+        assert proposal.subgoals and {each.agent for each in proposal.subgoals} == {*task.agents}
+        assert RandomSpec().make(task, FULL, seed).answer(question) != brain.answer(question)
+
+
+def enumerations(schema: object) -> Iterator[str]:
+    if isinstance(schema, dict):
+        yield from (each for each in schema.get("enum", []))
+        schema = list(schema.values())
+    for each in schema if isinstance(schema, list) else ():
+        yield from enumerations(each)
+
+
+def test_a_schema_that_lists_what_is_legal_lists_all_of_it(lift_barrier: Task) -> None:
+    known = legal(lift_barrier, start_scene(lift_barrier, 0))
+    schema = strict_answer(lift_barrier, known).model_json_schema()
+    listed = {*enumerations(schema)}
+    assert {each.sentence for each in known.constraints} < listed
+    assert {each.text for some in known.subgoals.values() for each in some} < listed
+    assert "Anybody" not in json.dumps(schema)
+    answer = {"Agent_1": ["grasp barrier at left", "lift barrier by 0.1 m"], "Agent_2": []}
+    proposal = from_json(json.dumps({"Subgoals": answer}), lift_barrier)
+    assert [each.text for each in proposal.subgoals] == answer["Agent_1"]
+
+
+def test_a_constraint_is_missing_where_nothing_asks_the_same_whatever_the_numbers() -> None:
+    level, all_clear = KeepLevel("pot", 5.0, 1), AvoidAgents((1, 2))
+    stated = [KeepLevel("pot", 9.0, 1), AvoidAgents((2, 1))]
+    assert missing([level, all_clear], stated) == []
+    assert missing([level, all_clear], stated[:1]) == [all_clear]
+    assert missing([KeepLevel("pot", 5.0, 2)], stated) == [KeepLevel("pot", 5.0, 2)]
+
+
+@pytest.mark.slow
+def test_repairs_are_told_from_rounds(lift_barrier: Task) -> None:
+    with Simulator(lift_barrier, render=False) as world:
+        settings = Settings.configured(lift_barrier, FULL, FaultySpec("missing_constraint"))
+        quiet = EpisodeMaker(settings, world, settings.make_brain(0)).make(0).dialogue
+        settings = Settings.configured(lift_barrier, FULL, FaultySpec("wrong_direction"))
+        outcome = EpisodeMaker(settings, world, settings.make_brain(0)).make(0)
+    assert next(quiet.firsts).missing == 1 and quiet.repairs == 0 and quiet.valid_after == 0
+    found = outcome.dialogue
+    rulings = Ruling.REFUSED, Ruling.CARRIED_OUT, Ruling.CARRIED_OUT
+    assert (
+        tuple(each.ruling for each in found.answers) == (*rulings, Ruling.NOTHING_LEFT)[: len(found.answers)]
+    )
+    assert [each.round for each in found.answers[:3]] == [1, 1, 2]
+    assert (found.repairs, found.valid_after) == (1, 1) and found.codes == {"off_direction": 1}
+    assert all(each.makespan_s >= each.bound_s > 0 for each in found.answers[1:3])
+    assert len(found.busy) == 2 and all(0 < steps <= outcome.steps for steps in found.busy)
+
+
+def test_without_an_answer_nothing_is_valid() -> None:
+    assert Dialogue().valid_after is None and Dialogue().repairs == 0 and not Dialogue().codes
