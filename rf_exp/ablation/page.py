@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.ablation import formats
-from rf_exp.ablation.tables.table import CLEAN, Difference, Score, Share, Table, Text
+from rf_exp.ablation.tables.table import CLEAN, Difference, Line, Score, Share, Table, Text
 from rf_exp.artifacts import rendered
 
 ABREAST = 5  # columns of figures that a page of 1400 pixels holds
@@ -78,8 +78,15 @@ def laid(table: Table) -> dict[str, Any]:
     figures = [index for index, _ in table.compared]
     rows = max(1, ceil(len(figures) / ABREAST))
     each = ceil(len(figures) / rows)
+    titles = [line.title for line in table.lines]
+
+    def name(line: Line) -> str:
+        """Lines of one title are told apart by their first text."""
+        several, first = titles.count(line.title) > 1, line.cells[0]
+        return f"{line.title}, {first.value}" if several and isinstance(first, Text) else line.title
+
     told = [
-        (line.title, *(cell.value for i in long if isinstance(cell := line.cells[i], Text)))
+        (name(line), *(cell.value for i in long if isinstance(cell := line.cells[i], Text)))
         for line in table.lines
     ]
     return {

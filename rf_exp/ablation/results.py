@@ -1,7 +1,8 @@
 """Files of result rows, written by commands or published, and how files about rollouts are called.
 
 results/generate/<task>/<constraints>.jsonl                           GenerationRow; disturbed: ..-disturbed,
-                                                                      and with delay_s=0 ..-disturbed-punctual
+                                                                      with delay_s=0 ..-disturbed-punctual;
+                                                                      of another brain ..-by-<brain>
 results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
 
 A published file, with .tsv in the place of .jsonl, is a table with tabs between its columns, which pandas

@@ -27,9 +27,7 @@ COLUMNS = (
     Column("balance", "Balance", Text),
     Column("makespan", "Makespan", Text),
     Column("precision", "Checker's precision", Text),
-    Column("stated", "Constraints stated", Text),
-    Column("understood", "understood", Text),
-    Column("missing", "missing", Text),
+    Column("constraints", "Constraints stated / understood / missing", Text),
 )
 CAPTION = (
     "RoboBrain's answers, by task and brain. Valid: the first plan passed all checks, at the first answer "
@@ -90,16 +88,16 @@ def _cells(rows: Sequence[GenerationRow]) -> Iterator[Cell]:
     yield Text(f"{sum(each.makespan_s for each in passed) / bound_s:.3f}" if bound_s else NONE)
     carried = sum(each.ruling is Ruling.CARRIED_OUT for each in passed)
     yield Text(f"{carried} of {len(passed)}" if passed else NONE)
-    yield from _constraints([answer for each in said for answer in each.firsts])
+    yield _constraints([answer for each in said for answer in each.firsts])
 
 
-def _constraints(firsts: Sequence[Answer]) -> Iterator[Text]:
+def _constraints(firsts: Sequence[Answer]) -> Text:
     """Means of those stated, understood and missing."""
-    yield _mean(each.stated for each in firsts)
-    yield _mean(each.understood for each in firsts)
-    asked = _mean(each.asked for each in firsts).value
-    lacking = _mean(each.missing for each in firsts).value
-    yield Text(f"{lacking} of {asked}" if firsts else NONE)
+    if not firsts:
+        return Text(NONE)
+    counts = [(each.stated, each.understood, each.missing, each.asked) for each in firsts]
+    stated, understood, lacking, asked = map(fmean, zip(*counts, strict=True))
+    return Text(f"{stated:.1f} / {understood:.1f} / {lacking:.1f} of {asked:.1f}")
 
 
 def _share(count: int, rows: Sequence[GenerationRow]) -> Share:
