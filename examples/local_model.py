@@ -11,8 +11,10 @@ package of the weights asks for a program to chat with them, which is of no use 
 import argparse
 import signal
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
@@ -43,8 +45,7 @@ class LocalModel:
             raise ArgumentError("llama.cpp is not installed: pip install 'rf_exp[local-brain]'")
         if not model.is_file():
             raise ArgumentError(f"--model is {model}; expected a GGUF file")
-        import xllamacpp
-
+        xllamacpp: Any = import_module("xllamacpp")
         asked = xllamacpp.CommonParams()
         asked.model.path, asked.n_ctx, asked.n_parallel = str(model), CONTEXT, 1
         asked.hostnames, asked.port, asked.ui = [LOOPBACK], port, False

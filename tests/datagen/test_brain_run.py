@@ -65,7 +65,7 @@ def test_a_run_with_a_model_is_repeated_without_it_and_keeps_no_key(lift_barrier
         ("openai+gpt-4o", True, 1),
     ]
     said = [[(each["round"], each["code"]) for each in row["dialogue"]["answers"]] for row in rows]
-    assert said == [[(1, "unreached"), (1, ""), (2, "")], [(1, ""), (2, "")]]
+    assert said == [[(1, "unreached"), (1, ""), (2, ""), (3, "")], [(1, ""), (2, ""), (3, "")]]
     assert "1 repairs, 1 refusals: unreached 1" in asked.stdout
     assert f"exchanges in {live}/exchanges/openai+gpt-4o/lift_barrier/full" in asked.stdout
     assert len(server.requests) == 7  # the recording made the first episode again without asking

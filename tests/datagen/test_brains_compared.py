@@ -5,14 +5,16 @@ from collections.abc import Iterator
 
 import pytest
 
+from rf_exp.constraints import RoboChecker
 from rf_exp.datagen import EpisodeMaker, Settings
 from rf_exp.datagen.answers import missing
-from rf_exp.datagen.brain import FaultySpec, Question, RandomSpec, from_json, legal
+from rf_exp.datagen.brain import BadAnswer, FaultySpec, Question, RandomSpec, from_json, legal
 from rf_exp.datagen.brain.protocol import strict_answer
-from rf_exp.findings import Dialogue, Ruling
+from rf_exp.findings import Dialogue, Finding, Misread, Ruling
 from rf_exp.sim import Simulator
-from rf_exp.statements import AvoidAgents, KeepLevel, read, read_subgoal
+from rf_exp.statements import AvoidAgents, KeepLevel, Proposal, read, read_subgoal, understood
 from rf_exp.tasks import Task
+from rf_exp.types import Subgoal
 from tests.conftest import TASKS, read_task
 from tests.datagen.guard import FULL
 from tests.scenes import start_scene
@@ -66,6 +68,42 @@ def test_a_constraint_is_missing_where_nothing_asks_the_same_whatever_the_number
     assert missing([level, all_clear], stated) == []
     assert missing([level, all_clear], stated[:1]) == [all_clear]
     assert missing([KeepLevel("pot", 5.0, 2)], stated) == [KeepLevel("pot", 5.0, 2)]
+
+
+@pytest.mark.parametrize(
+    ("text", "finding"),
+    [
+        ("no", Finding.NO_JSON),
+        ("I cannot do that.", Finding.DECLINED),
+        ('{"Subgoals": {"Agent_1": 3}}', Finding.OTHER_FORM),
+        ('{"Subgoals": {"Agent_9": "home"}}', Finding.UNKNOWN_AGENT),
+        ('{"Subgoals": {"Agent_1": "grasp lamp at left"}}', Finding.UNKNOWN_OBJECT),
+        ('{"Subgoals": {"Agent_1": "grasp barrier at top"}}', Finding.UNKNOWN_POINT),
+        ('{"Subgoals": {"Agent_1": "dance"}}', Finding.UNREAD_SUBGOAL),
+        (json.dumps({"Subgoals": {"Agent_1": "home; aside;" * 9}}), Finding.TOO_MANY_SUBGOALS),
+    ],
+)
+def test_what_an_answer_is_refused_for_has_a_code(text: str, finding: Finding, lift_barrier: Task) -> None:
+    with pytest.raises(BadAnswer) as refused:
+        from_json(text, lift_barrier)
+    assert refused.value.finding is finding
+
+
+@pytest.mark.parametrize(
+    ("sentence", "finding"),
+    [
+        ("Agent_1 must feel good.", Finding.UNREAD_CONSTRAINT),
+        ("Agent_9 must grasp barrier at its left point.", Finding.UNKNOWN_AGENT),
+        ("Agent_1 must grasp lamp at its left point.", Finding.UNKNOWN_OBJECT),
+        ("Agent_1 must grasp barrier at its top point.", Finding.UNKNOWN_POINT),
+        ("Agent_1 must lift barrier before Agent_2 may lift barrier.", Finding.UNFITTING_CONSTRAINT),
+    ],
+)
+def test_so_has_a_constraint(sentence: str, finding: Finding, lift_barrier: Task) -> None:
+    proposal = Proposal((Subgoal(1, "home"),), (understood(sentence, lift_barrier.vocabulary, "spatial"),))
+    with pytest.raises(Misread) as refused:
+        RoboChecker(lift_barrier, proposal, FULL)
+    assert refused.value.finding is finding
 
 
 @pytest.mark.slow

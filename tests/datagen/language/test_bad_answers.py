@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import pytest
 
 from rf_exp.datagen.brain import BadAnswer, Question, from_json, talk
-from rf_exp.datagen.brain.request import LARGEST_BODY, content
+from rf_exp.datagen.brain.request import LARGEST_BODY, received
 from rf_exp.datagen.brain.talk import read
+from rf_exp.findings import Finding
 from rf_exp.types import Subgoal
 from tests.datagen.guard import FULL
 from tests.datagen.language.asking import GOOD, KEY, ask, make, openai_spec, scripted_answers
@@ -203,7 +204,7 @@ LISTS = b"[" + b"[]," * (LARGEST_BODY // 3 - 100) + b"[]]"  # as many as a body 
 def test_of_many_things_that_are_none_one_is_told(body: bytes) -> None:
     began_s = time.process_time()
     with pytest.raises(BadAnswer, match="the server's answer is not a chat completion: "):
-        content(body, "application/json")
+        received(body, "application/json")
     assert time.process_time() - began_s < 0.8
 
 
@@ -213,3 +214,23 @@ def test_of_many_agents_that_are_none_one_is_told(lift_barrier) -> None:
     with pytest.raises(BadAnswer) as caught:
         from_json(json.dumps(answer, separators=(",", ":")), lift_barrier)
     assert str(caught.value).endswith("Constraints.Logical.0.Agents.0: Input should be a valid string")
+
+
+@pytest.mark.parametrize(
+    ("usage", "told"),
+    [
+        ({"prompt_tokens": 7, "completion_tokens": 3, "total_tokens": 10}, (7, 3)),
+        ({"prompt_tokens": 7}, (7, 0)),
+        ({"prompt_tokens": -1}, None),
+        ("many", None),
+        (None, None),
+    ],
+)
+def test_tokens_are_those_that_the_server_tells_of(usage, told):
+    choice = {"message": {"content": GOOD[:9]}, "finish_reason": "length"}
+    found = received(json.dumps({"choices": [choice], "usage": usage}).encode(), "application/json")
+    assert (found.usage and (found.usage.prompt_tokens, found.usage.completion_tokens)) == told
+    assert found.finish_reason == "length"
+    with pytest.raises(BadAnswer, match="cut off") as cut:  # of use to nobody, but paid for
+        _ = found.text
+    assert cut.value.finding is Finding.CUT_OFF
