@@ -216,8 +216,8 @@ def test_a_run_without_one_success_fails(command, tmp_path):
     result = command(*arguments, "stages=[generate,report]", f"out={tmp_path}")
     assert result.returncode == 1
     assert result.stderr.strip().splitlines()[-1] == (
-        "failed: no seed succeeded: 2 of 2: nothing was carried out; not understood; the rows are in "
-        f"{tmp_path}/results/generate/pick_meat/full-disturbed.jsonl"
+        "failed: no seed succeeded: 2 of 2: nothing was carried out; unknown object; the rows are in "
+        f"{tmp_path}/results/generate/pick_meat/full-disturbed-by-faulty+missing_object.jsonl"
     )
     assert (tmp_path / "report.html").exists(), "the attempts are told all the same"
 
