@@ -164,9 +164,9 @@ def test_an_experiment_with_a_fault_that_has_no_place_is_refused_before_work():
     with pytest.raises(
         ArgumentError, match=r"brain.fault=wrong_point has no place in the plans of place_food"
     ):
-        experiment("task=place_food", "brain=faulty")
+        experiment("task=place_food", "brain=faulty", "brain.fault=wrong_point")
     experiment("task=lift_barrier", "brain=faulty")
-    experiment("task=place_food", "brain=faulty", "stages=[report]")
+    experiment("task=place_food", "brain=faulty", "brain.fault=wrong_point", "stages=[report]")
 
 
 @pytest.mark.slow
