@@ -106,6 +106,16 @@ def test_what_the_schema_allows_is_what_the_parser_reads(lift_barrier, server):
     assert proposal.constraints[0].agents == (1, 2)
 
 
+def test_a_model_is_held_to_what_is_legal_in_the_scene(lift_barrier, server):
+    answer = {"Agent_1": ["grasp barrier at left"], "Agent_2": []}
+    server.replies = [completion(json.dumps({"Subgoals": answer}))]
+    said = ask(openai_spec(server.url, enumerated=True), lift_barrier)
+    assert [each.text for each in from_json(said, lift_barrier).subgoals] == ["grasp barrier at left"]
+    sent = server.requests[0]["response_format"]["json_schema"]["schema"]["$defs"]["Subgoals"]["properties"]
+    assert {*sent} == {"Agent_1", "Agent_2"}
+    assert "grasp barrier at left" in sent["Agent_1"]["items"]["enum"]
+
+
 def test_replay_says_why_it_cannot_answer(lift_barrier, server, tmp_path):
     server.replies = [completion(GOOD)]
     spec = openai_spec(server.url, exchanges=str(tmp_path))
