@@ -2,8 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import product
 from pathlib import Path
 from statistics import fmean
 
@@ -59,6 +60,7 @@ PEERS = [  # what others report: the first RERUN of them in a public rerun
     *("two_robots_stack_cube", "three_robots_stack_cube"),
 ]
 RERUN = 6
+CHALLENGE = ["place_cube_in_cup", "strike_cube_hard", "three_robots_place_shoes", "four_robots_stack_cube"]
 Cells = Mapping[tuple[str, str, int], list[EvaluationRow]]  # task, architecture, demonstrations
 
 
@@ -69,7 +71,7 @@ def cells(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[E
         if row.constraints == BASELINE_CONSTRAINTS and row.arch != FOREIGN.name:
             key = (row.task, row.recipe, row.arch != BASELINE_ARCH, row.arch, row.demos, row.shield)
             found.setdefault(key, []).append(row)
-    order = [*paper().levels, *sorted({row.task for row in rows} - {*paper().levels})]
+    order = [*paper().levels, *sorted({str(task) for task, *_ in found} - {*paper().levels})]
     for _, group in sorted(found.items(), key=lambda item: (order.index(str(item[0][0])), *item[0][1:])):
         kept, _ = newest(group)
         yield kept[0], list(kept)
@@ -289,7 +291,9 @@ def limits(rows: Sequence[EvaluationRow]) -> dict[str, int]:
 
 def hours(found: Cells) -> tuple[str, str]:
     """Of the first table, by one training seed: what learning and the scenes took, in hours of one core."""
-    groups = [found[key] for key in found if key[1] == BASELINE_ARCH and key[2] in paper().demos]
+    groups = [
+        found.get((task, BASELINE_ARCH, demos), []) for task, demos in product(paper().levels, paper().demos)
+    ]
     learning = sum(core_minutes(group) for group in groups) / 60
     scenes = (
         sum(row.wall_s / len({each.train_seed for each in group}) for group in groups for row in group) / 3600
@@ -309,6 +313,20 @@ def compared(found: Cells) -> dict[str, list[str]]:
     return {
         name: [*(f"{100 * each:.0f}" for each in line), f"{100 * fmean(line[:RERUN]):.1f}"]
         for name, line in rates.items()
+    }
+
+
+def challenge(found: Cells) -> dict[str, list[str]]:
+    """Lines of the table of the challenge's four tasks; a dash where nothing was measured."""
+    groups = [found.get((task, BASELINE_ARCH, paper().demos[-1]), []) for task in CHALLENGE]
+
+    def line(told: Callable[[Sequence[EvaluationRow]], float]) -> list[str]:
+        return [f"{told(group):.0f}" if group else "-" for group in groups]
+
+    return {
+        "strict": line(lambda group: 100 * rate(group)),
+        "loose": line(lambda group: 100 * fmean(row.success_paper for row in group)),
+        "learning": line(core_minutes),
     }
 
 
@@ -333,6 +351,7 @@ def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
         architectures=architectures(of_tables),
         hours=hours(of_tables),
         compared=compared(of_tables),
+        challenge=challenge(of_tables),
         shielded=shielded(groups),
         privileged=privileged(groups),
         limits=limits(rows),

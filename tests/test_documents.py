@@ -45,6 +45,7 @@ from rf_exp.tasks.assets.asset import mesh
 from tests.conftest import CONF
 from tests.policy.test_release import packed
 from tests.policy.test_release import said as released
+from tests.tasks import release_assets
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
@@ -112,11 +113,12 @@ def is_hydra(line: str) -> bool:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the documents speak of as there already: an annotated mesh, recorded answers, a release."""
+    """What the documents speak of as there already: an annotated mesh, recorded answers, releases."""
     made = tmp_path_factory.mktemp("there")
     trimesh.creation.box((0.25, 0.09, 0.1)).apply_translation((0, 0, 0.05)).export(made / "my_shoe.glb")
     (made / "my_shoe.yaml").write_text(mesh.write(assets.load("shoe"), "my_shoe.glb"))
     (made / "outputs/exchanges/openai+gpt-4o").mkdir(parents=True)
+    release_assets.write(made / "RoboFactory" / "assets", "barrier")
     shutil.make_archive(str(made / "FILE"), "zip", packed(made / "FOLDER", released()))
     return made
 
