@@ -200,14 +200,49 @@ def test_a_lerobot_export_holds_the_values_of_the_store(
     assert all(word in card for word in ("LeRobot", "Lift it.", "- level", "license: mit", "0 to 2"))
 
 
-def shown(folder: Path, table: Any, camera: str) -> np.ndarray[Any, Any]:
+def shown(folder: Path, table: Any, camera: str, film: str | None = None) -> np.ndarray[Any, Any]:
     """The pictures of an export (T, H, W, 3)."""
     key = f"observation.images.{camera}"
+    film = film or f"videos/{key}/chunk-000/file-000.mp4"
     if key in table.column_names:
         return np.stack([np.array(Image.open(BytesIO(each["bytes"]))) for each in table[key].to_pylist()])
-    frames = imageio_ffmpeg.read_frames(str(folder / f"videos/{key}/chunk-000/file-000.mp4"))
+    frames = imageio_ffmpeg.read_frames(str(folder / film))
     next(frames)
     return np.stack([np.frombuffer(frame, np.uint8).reshape(HEIGHT, WIDTH, 3) for frame in frames])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pictures", ["video", "png"])
+def test_an_export_of_version_2_1_has_files_for_each_episode(
+    tmp_path: Path, command: Command, pictures: str
+) -> None:
+    path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "lerobot"
+    assert command("export", path, to, "--format", "lerobot_v21", "--pictures", pictures)[0] == 0
+    store, info = Store.open(path), json.loads((to / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["total_frames"]) == ("v2.1", store.steps)
+    assert info["total_videos"] == (3 * len(CAMERAS) if pictures == "video" else 0)
+    told = {
+        name: [json.loads(line) for line in (to / f"meta/{name}.jsonl").read_text().splitlines()]
+        for name in ("tasks", "episodes", "episodes_stats")
+    }
+    assert told["tasks"] == [{"task_index": 0, "task": "Lift it."}]
+    assert [each["length"] for each in told["episodes"]] == [5, 6, 7]
+    for index, stats in enumerate(told["episodes_stats"]):
+        made = store.episode(index)
+        where = {"episode_chunk": 0, "episode_index": index}
+        table = pq.read_table(to / info["data_path"].format(**where))
+        for name, values in {"observation.state": made.qpos, "action": made.action}.items():
+            flat = values.reshape(len(values), -1)
+            np.testing.assert_array_equal(np.array(table[name].to_pylist(), np.float32), flat)
+            np.testing.assert_allclose(stats["stats"][name]["max"], flat.max(axis=0))
+        for camera in CAMERAS:
+            film = info["video_path"] and info["video_path"].format(
+                **where, video_key=f"observation.images.{camera}"
+            )
+            np.testing.assert_array_equal(shown(to, table, camera, film), made.images[camera])
+        assert {*stats["stats"][f"observation.images.{CAMERAS[0]}"]} == {"min", "max", "mean", "std", "count"}
+        kinds = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]
+        assert {*kinds} == {*table.column_names}
 
 
 @pytest.mark.slow
@@ -260,7 +295,7 @@ def test_an_export_that_cannot_be_leaves_nothing_and_loses_nothing(tmp_path: Pat
         (
             (path, tmp_path / "x", "--format", "rlds"),
             2,
-            "unknown format 'rlds'; available: lerobot, policy_lightning, recordepisode, robofactory, rob",
+            "unknown format 'rlds'; available: lerobot, lerobot_v21, policy_lightning, recordepisode, rob",
         ),
         ((path, tmp_path / "x", *lerobot, "--pictures", "gif"), 2, "'gif'; available: png, video"),
         ((damaged, tmp_path / "x", *lerobot), 1, "damaged.zarr is damaged: data/rgb_agent1"),

@@ -28,6 +28,7 @@ from rf_exp.texts import LONGEST_LINE, printable
 
 FORMATS = (
     "lerobot",
+    "lerobot_v21",
     "robomimic",
     "robofactory",
     "policy_lightning",

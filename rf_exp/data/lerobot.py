@@ -37,20 +37,24 @@ Columns = dict[str, NDArray[Any]]  # feature -> its rows of an episode
 Stats = dict[str, NDArray[Any]]
 
 
-def held(pictures: str) -> str:
+def held(pictures: str, version: str = "v3.0") -> str:
     """What lies in the folder."""
     kept = {"video": "lossless H.264 video (RGB, every pixel kept)", "png": "PNG within the Parquet files"}
     return (
-        "A LeRobotDataset v3.0: `observation.state` holds the measured joints of all agents, `action` their "
-        "joint\ntargets and gripper commands, one agent behind the other; `observation.images.<camera>` the "
-        f"pictures, as\n{kept[pictures]}. `object_poses`, `executed` and `scene_seed` are\nextras that no "
-        "policy of lerobot takes for an input."
+        f"A LeRobotDataset {version}: `observation.state` holds the measured joints of all agents, `action` "
+        "their joint\ntargets and gripper commands, one agent behind the other; "
+        f"`observation.images.<camera>` the pictures, as\n{kept[pictures]}. `object_poses`, `executed` and "
+        "`scene_seed` are\nextras that no policy of lerobot takes for an input."
     )
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
     """All episodes of a store into a folder; pictures are kept as one of `PICTURES`."""
-    writer = _Writer(store, folder, pictures == "video")
+    write_all(Writer(store, folder, pictures == "video"), store, advance)
+
+
+def write_all(writer: "Writer", store: Store, advance: Advance) -> None:
+    """All episodes of a store."""
     try:
         for index in range(len(store)):
             writer.add(index, store.episode(index))
@@ -60,60 +64,75 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
     writer.finish()
 
 
-class _Writer:
+class Writer:
+    """Writes one data set. What files there are, and what is told of them, is that of a version."""
+
+    VERSION = "v3.0"
+    EPISODES_A_FILE = EPISODES_A_FILE
+    DATA, VIDEO = DATA, VIDEO
+
     def __init__(self, store: Store, folder: Path, video: bool) -> None:
         self._pa, self._parquet = library("pyarrow"), library("pyarrow.parquet")
-        self._store, self._folder, self._video = store, folder, video
+        self.store, self.folder, self.video = store, folder, video
         self._rate: int = store.attrs["control_hz"]
-        self._features = _features(store, video)
-        self._rows: list[dict[str, Any]] = []  # of the episodes
-        self._stats: list[dict[str, Stats]] = []
+        self.features = _features(store, video)
+        self.rows: list[dict[str, Any]] = []  # of the episodes
+        self.stats: list[dict[str, Stats]] = []  # the same
         self._data: Any = None
         self._films: dict[str, Film] = {}
-        self._began = 0  # row with which the present files begin
+        self._began = self._start = 0  # rows with which the present files, and the next episode, begin
 
     def add(self, index: int, episode: Episode) -> None:
-        chunk, file = divmod(index // EPISODES_A_FILE, FILES_A_CHUNK)
-        where = {"chunk_index": chunk, "file_index": file}
-        start = self._rows[-1]["dataset_to_index"] if self._rows else 0
+        where, start = self.where(index), self._start
         columns = self._columns(index, episode, start)
         cells = {name: self._cells(values) for name, values in columns.items()}
-        if self._video:
+        if self.video:
             pictures = {}
         else:
-            pictures = {_key(camera): self._png(episode.images[camera]) for camera in self._store.cameras}
+            pictures = {_key(camera): self._png(episode.images[camera]) for camera in self.store.cameras}
         table = self._pa.table(cells | pictures)
-        if index % EPISODES_A_FILE == 0:
+        table = table.replace_schema_metadata(self.metadata())
+        if index % self.EPISODES_A_FILE == 0:
             self._turn(where, start, table.schema)
         self._data.write_table(table)
         for camera, film in self._films.items():
             for frame in episode.images[camera]:
                 film.add(frame)
         found = {name: of_values(values) for name, values in columns.items()}
-        found |= {_key(each): of_pictures(episode.images[each]) for each in self._store.cameras}
-        self._stats.append(found)
-        self._rows.append(self._row(index, len(episode.qpos), start, where))
+        found |= {_key(each): of_pictures(episode.images[each]) for each in self.store.cameras}
+        self.stats.append(found)
+        self.rows.append(self.row(index, len(episode.qpos), start, where))
+        self._start += len(episode.qpos)
+
+    def where(self, index: int) -> dict[str, int]:
+        """What the paths of the files of an episode are made of."""
+        chunk, file = divmod(index // self.EPISODES_A_FILE, FILES_A_CHUNK)
+        return {"chunk_index": chunk, "file_index": file}
+
+    def metadata(self) -> dict[str, str]:
+        """What stands in each Parquet file of data beside its columns."""
+        return {}
 
     def finish(self) -> None:
         """Writes what is known at the end: episodes, tasks, statistics, and what the features are."""
-        for first in range(0, len(self._rows), EPISODES_A_FILE):
-            rows = self._rows[first : first + EPISODES_A_FILE]
+        for first in range(0, len(self.rows), self.EPISODES_A_FILE):
+            rows = self.rows[first : first + self.EPISODES_A_FILE]
             where = {key: rows[0][f"data/{key}"] for key in ("chunk_index", "file_index")}
             self._parquet.write_table(self._pa.Table.from_pylist(rows), self._path(EPISODES, where))
-        self._parquet.write_table(self._tasks(), self._folder / "meta/tasks.parquet")
-        names = self._stats[0]
-        merged = {name: together([each[name] for each in self._stats]) for name in names}
-        write_json(self._folder / "meta/stats.json", plain(merged))
-        write_json(self._folder / "meta/info.json", self._info())
+        self._parquet.write_table(self._tasks(), self.folder / "meta/tasks.parquet")
+        names = self.stats[0]
+        merged = {name: together([each[name] for each in self.stats]) for name in names}
+        write_json(self.folder / "meta/stats.json", plain(merged))
+        write_json(self.folder / "meta/info.json", self.info())
 
     def _turn(self, where: Mapping[str, int], start: int, schema: Any) -> None:
         self.shut()
         self._began = start
-        self._data = self._parquet.ParquetWriter(self._path(DATA, where), schema)
-        if self._video:
+        self._data = self._parquet.ParquetWriter(self._path(self.DATA, where), schema)
+        if self.video:
             self._films = {
-                camera: Film(self._path(VIDEO, {**where, "video_key": _key(camera)}), self._rate, None)
-                for camera in self._store.cameras
+                camera: Film(self._path(self.VIDEO, {**where, "video_key": _key(camera)}), self._rate, None)
+                for camera in self.store.cameras
             }
 
     def shut(self) -> None:
@@ -124,14 +143,14 @@ class _Writer:
             film.close()
 
     def _path(self, pattern: str, where: Mapping[str, Any]) -> Path:
-        path = self._folder / pattern.format(**where)
+        path = self.folder / pattern.format(**where)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def _columns(self, index: int, episode: Episode, start: int) -> Columns:
         steps = len(episode.qpos)
         frame = np.arange(steps)
-        poses = [episode.poses[name] for name in self._store.objects]
+        poses = [episode.poses[name] for name in self.store.objects]
         return {
             "observation.state": flat(episode.qpos),
             "action": flat(episode.action),
@@ -162,29 +181,30 @@ class _Writer:
             cells.append({"bytes": file.getvalue(), "path": None})
         return self._pa.array(cells, kind)
 
-    def _row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
+    def row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
+        """What is told of an episode."""
         row = {
             "episode_index": index,
-            "tasks": [_words(self._store)],
+            "tasks": [words(self.store)],
             "length": steps,
             "dataset_from_index": start,
             "dataset_to_index": start + steps,
         }
         row |= {f"{what}/{key}": at for what in ("data", "meta/episodes") for key, at in where.items()}
-        if self._video:
+        if self.video:
             shown = {
                 "from_timestamp": (start - self._began) / self._rate,
                 "to_timestamp": (start - self._began + steps) / self._rate,
             }
-            for camera in self._store.cameras:
+            for camera in self.store.cameras:
                 row |= {f"videos/{_key(camera)}/{key}": at for key, at in {**where, **shown}.items()}
-        for name, stats in self._stats[-1].items():
+        for name, stats in self.stats[-1].items():
             row |= {f"stats/{name}/{key}": value.tolist() for key, value in stats.items()}
         return row
 
     def _tasks(self) -> Any:
         """The words of the task as the index of a table, as pandas would write it."""
-        table = self._pa.table({"task_index": [0], "task": [_words(self._store)]})
+        table = self._pa.table({"task_index": [0], "task": [words(self.store)]})
         kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
         columns = [
             {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
@@ -193,22 +213,23 @@ class _Writer:
         said = {"index_columns": ["task"], "column_indexes": [], "columns": columns}
         return table.replace_schema_metadata({"pandas": json.dumps(said)})
 
-    def _info(self) -> dict[str, Any]:
-        kinds = Counter(model.kind for model in self._store.models)
+    def info(self) -> dict[str, Any]:
+        """What is told of all of it."""
+        kinds = Counter(model.kind for model in self.store.models)
         return {
-            "codebase_version": "v3.0",
+            "codebase_version": self.VERSION,
             "robot_type": "_".join(f"{count}x_{kind}" for kind, count in kinds.items()),
-            "total_episodes": len(self._store),
-            "total_frames": self._store.steps,
+            "total_episodes": len(self.store),
+            "total_frames": self.store.steps,
             "total_tasks": 1,
             "chunks_size": FILES_A_CHUNK,
             "data_files_size_in_mb": 100,
             "video_files_size_in_mb": 200,
             "fps": self._rate,
-            "splits": {"train": f"0:{len(self._store)}"},
-            "data_path": DATA,
-            "video_path": VIDEO if self._video else None,
-            "features": self._features,
+            "splits": {"train": f"0:{len(self.store)}"},
+            "data_path": self.DATA,
+            "video_path": self.VIDEO if self.video else None,
+            "features": self.features,
         }
 
 
@@ -251,7 +272,7 @@ def _key(camera: str) -> str:
     return f"observation.images.{camera}"
 
 
-def _words(store: Store) -> str:
+def words(store: Store) -> str:
     """The task, for policies that read."""
     return store.description.language["description"] if store.description else store.attrs["task"]
 

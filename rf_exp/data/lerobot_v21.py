@@ -1,0 +1,79 @@
+"""Export as a LeRobotDataset v2.1, which openpi and GR00T read: the columns of v3.0, a file for each episode.
+
+meta/info.json, tasks.jsonl, episodes.jsonl, episodes_stats.jsonl
+data/chunk-<c>/episode_<e>.parquet               rows of an episode
+videos/chunk-<c>/<camera>/episode_<e>.mp4        what a camera saw in it
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rf_exp.artifacts import plain, write_json, write_text
+from rf_exp.data import lerobot
+from rf_exp.data.lerobot import PICTURES, QUANTILES, TAGS, Writer, words, write_all
+from rf_exp.data.target import Advance
+from rf_exp.store import Store
+
+__all__ = ["PICTURES", "TAGS", "held", "write"]
+
+EPISODES_A_CHUNK = 1000
+
+
+def held(pictures: str) -> str:
+    """What lies in the folder."""
+    return lerobot.held(pictures, _Writer.VERSION)
+
+
+def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
+    """All episodes of a store into a folder; pictures are kept as one of `PICTURES`."""
+    write_all(_Writer(store, folder, pictures == "video"), store, advance)
+
+
+class _Writer(Writer):
+    VERSION = "v2.1"
+    EPISODES_A_FILE = 1
+    DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    VIDEO = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+
+    def where(self, index: int) -> dict[str, int]:
+        return {"episode_chunk": index // EPISODES_A_CHUNK, "episode_index": index}
+
+    def row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
+        return {"episode_index": index, "tasks": [words(self.store)], "length": steps}
+
+    def metadata(self) -> dict[str, str]:
+        """The types of the columns, as `datasets` looks for them: without these PNG stays bytes."""
+        kinds = {name: _kind(each) for name, each in self.features.items() if each["dtype"] != "video"}
+        return {"huggingface": json.dumps({"info": {"features": kinds}})}
+
+    def finish(self) -> None:
+        stats = [
+            {
+                name: {key: each for key, each in of.items() if key not in QUANTILES}
+                for name, of in every.items()
+            }
+            for every in self.stats
+        ]
+        lines = [{"episode_index": index, "stats": plain(each)} for index, each in enumerate(stats)]
+        told = {"tasks": [{"task_index": 0, "task": words(self.store)}], "episodes": self.rows}
+        for name, rows in {**told, "episodes_stats": lines}.items():
+            write_text(self.folder / f"meta/{name}.jsonl", "".join(f"{json.dumps(row)}\n" for row in rows))
+        write_json(self.folder / "meta/info.json", self.info())
+
+    def info(self) -> dict[str, Any]:
+        found = super().info() | {
+            "total_videos": len(self.store) * len(self.store.cameras) * self.video,
+            "total_chunks": -(-len(self.store) // EPISODES_A_CHUNK),
+            "chunks_size": EPISODES_A_CHUNK,
+        }
+        return {key: value for key, value in found.items() if not key.endswith("_files_size_in_mb")}
+
+
+def _kind(feature: Mapping[str, Any]) -> dict[str, Any]:
+    if feature["dtype"] == "image":
+        return {"_type": "Image"}
+    value = {"dtype": feature["dtype"], "_type": "Value"}
+    one = feature["shape"] == [1] and feature["names"] is None
+    return value if one else {"feature": value, "length": feature["shape"][0], "_type": "Sequence"}
