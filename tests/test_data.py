@@ -246,6 +246,22 @@ def test_an_export_of_version_2_1_has_files_for_each_episode(
 
 
 @pytest.mark.slow
+def test_an_export_of_one_agent_holds_what_it_is_told_and_does(tmp_path: Path, command: Command) -> None:
+    path, to = store_of(tmp_path / "s.zarr", range(2)), tmp_path / "second"
+    assert command("export", path, to, "--format", "lerobot", "--pictures", "png", "--agent", "2")[0] == 0
+    store, info = Store.open(path), json.loads((to / "meta/info.json").read_text())
+    table = pq.read_table(to / "data/chunk-000/file-000.parquet")
+    for name, values in {"observation.state": store.qpos, "action": store.action}.items():
+        np.testing.assert_array_equal(np.array(table[name].to_pylist(), np.float32), values[:, 1])
+        assert all(each.startswith("agent2.") for each in info["features"][name]["names"])
+    cameras = [each for each in CAMERAS if each in ("global", "agent2")]
+    assert [name for name in info["features"] if "images" in name] == [
+        f"observation.images.{camera}" for camera in cameras
+    ]
+    assert info["robot_type"] == "1x_franka_panda"
+
+
+@pytest.mark.slow
 def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, command: Command) -> None:
     """What robomimic itself makes of it: benchmarks/robomimic_reads.py."""
     path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "robomimic"
@@ -297,6 +313,8 @@ def test_an_export_that_cannot_be_leaves_nothing_and_loses_nothing(tmp_path: Pat
             2,
             "unknown format 'rlds'; available: lerobot, lerobot_v21, policy_lightning, recordepisode, rob",
         ),
+        ((path, tmp_path / "x", *lerobot, "--agent", "3"), 2, "s.zarr has agents 1 to 2"),
+        ((path, tmp_path / "x", "--format", "robomimic", "--agent", "1"), 2, "robomimic holds all arms"),
         ((path, tmp_path / "x", *lerobot, "--pictures", "gif"), 2, "'gif'; available: png, video"),
         ((damaged, tmp_path / "x", *lerobot), 1, "damaged.zarr is damaged: data/rgb_agent1"),
         ((tmp_path / "no.zarr", tmp_path / "x", *lerobot), 1, "no store at"),

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from rf_exp.artifacts import sweep, whole, write_text
 from rf_exp.command import guarded
-from rf_exp.errors import StageError, choices
+from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.progress import Progress, console
 from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
 from rf_exp.texts import LONGEST_LINE, printable
@@ -34,6 +34,7 @@ FORMATS = (
     "policy_lightning",
     "recordepisode",
 )  # a module each, of that name
+OF_ONE_AGENT = ("lerobot", "lerobot_v21")  # the others have an arm each to themselves, or need all
 
 
 def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
@@ -129,11 +130,19 @@ def redraw_store(path: Path, to: Path, variation: str, copies: int, folder: Path
     console.print(f"{to} holds {len(source)} episodes, {copies} times each: {mib(to)} MiB")
 
 
-def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry_run: bool = False) -> None:
+def export(
+    path: Path,
+    folder: Path,
+    form: str,
+    pictures: str | None = None,
+    dry_run: bool = False,
+    agent: int | None = None,
+) -> None:
     """Writes a store in a format that others read, into a folder that is there as a whole or not at all.
 
-    Raises ArgumentError for an unknown format or way to keep pictures, StageError where `folder` exists or
-    the store cannot be read.
+    With an `agent` what it alone is told and does, for tools that know one arm. Raises ArgumentError for an
+    unknown format or way to keep pictures and for an agent that is not there or that a format cannot hold
+    alone, StageError where `folder` exists or the store cannot be read.
     """
     if form not in FORMATS:
         raise choices("format", form, FORMATS)
@@ -141,10 +150,15 @@ def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry
     kept = pictures or how.PICTURES[0]
     if kept not in how.PICTURES:
         raise choices(f"way to keep pictures in {form}", kept, how.PICTURES)
+    if agent is not None and form not in OF_ONE_AGENT:
+        raise ArgumentError(f"--agent {agent}: {form} holds all arms; one alone: {', '.join(OF_ONE_AGENT)}")
     refuse_existing(folder, dry_run)
     store = Store.open(path)
     if not len(store):
         raise StageError(f"{path} holds no episodes; there is nothing to export")
+    if agent is not None and not 1 <= agent <= store.agents:
+        raise ArgumentError(f"--agent {agent}: {path} has agents 1 to {store.agents}")
+    alone = {} if agent is None else {"agent": agent}
     what = f"{len(store)} episodes, {store.steps} steps, cameras {', '.join(store.cameras) or 'none'}"
     if dry_run:
         console.print(f"{folder} would hold {what}; nothing was written\n{how.held(kept)}")
@@ -155,7 +169,7 @@ def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry
         Progress(f"export {form}", len(store), "episodes") as progress,
     ):
         draft.mkdir()
-        how.write(store, draft, kept, progress.advance)
+        how.write(store, draft, kept, progress.advance, **alone)
         write_text(draft / "README.md", card(store, how.held(kept), how.TAGS))
     console.print(f"{folder} holds {what}: {mib(folder)} MiB, the store {mib(path)} MiB")
 
@@ -212,6 +226,13 @@ def parser() -> argparse.ArgumentParser:
         help="how pictures are kept, every pixel: video (lossless) or png by lerobot, gzip or plain by "
         "robomimic and the HDF5 of others; the first of them unless given",
     )
+    exported.add_argument(
+        "--agent",
+        type=int,
+        metavar="K",
+        help="of agent K alone, with its own camera and the global one, for tools that know one arm: "
+        + " and ".join(OF_ONE_AGENT),
+    )
     taken = commands.add_parser("import", help="a store of demonstrations of others")
     taken.add_argument(
         "sources",
@@ -257,7 +278,7 @@ def main() -> None:
 
         import_demonstrations(given.sources, given.to, given.task, given.dry_run)
     else:
-        export(given.store, given.folder, given.format, given.pictures, given.dry_run)
+        export(given.store, given.folder, given.format, given.pictures, given.dry_run, given.agent)
 
 
 if __name__ == "__main__":

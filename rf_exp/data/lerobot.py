@@ -48,9 +48,9 @@ def held(pictures: str, version: str = "v3.0") -> str:
     )
 
 
-def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into a folder; pictures are kept as one of `PICTURES`."""
-    write_all(Writer(store, folder, pictures == "video"), store, advance)
+def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
+    """All episodes of a store into a folder, of all agents or of one; pictures as one of `PICTURES`."""
+    write_all(Writer(store, folder, pictures == "video", agent), store, advance)
 
 
 def write_all(writer: "Writer", store: Store, advance: Advance) -> None:
@@ -71,11 +71,15 @@ class Writer:
     EPISODES_A_FILE = EPISODES_A_FILE
     DATA, VIDEO = DATA, VIDEO
 
-    def __init__(self, store: Store, folder: Path, video: bool) -> None:
+    def __init__(self, store: Store, folder: Path, video: bool, agent: int | None = None) -> None:
+        """With an `agent` its joints and commands alone, and what its own camera and the global one see."""
         self._pa, self._parquet = library("pyarrow"), library("pyarrow.parquet")
         self.store, self.folder, self.video = store, folder, video
         self._rate: int = store.attrs["control_hz"]
-        self.features = _features(store, video)
+        self.agents = range(1, store.agents + 1) if agent is None else range(agent, agent + 1)
+        seen = store.cameras if agent is None else ("global", f"agent{agent}")
+        self.cameras = [camera for camera in store.cameras if camera in seen]
+        self.features = _features(store, self.agents, self.cameras, video)
         self.rows: list[dict[str, Any]] = []  # of the episodes
         self.stats: list[dict[str, Stats]] = []  # the same
         self._data: Any = None
@@ -89,7 +93,7 @@ class Writer:
         if self.video:
             pictures = {}
         else:
-            pictures = {_key(camera): self._png(episode.images[camera]) for camera in self.store.cameras}
+            pictures = {_key(camera): self._png(episode.images[camera]) for camera in self.cameras}
         table = self._pa.table(cells | pictures)
         table = table.replace_schema_metadata(self.metadata())
         if index % self.EPISODES_A_FILE == 0:
@@ -99,7 +103,7 @@ class Writer:
             for frame in episode.images[camera]:
                 film.add(frame)
         found = {name: of_values(values) for name, values in columns.items()}
-        found |= {_key(each): of_pictures(episode.images[each]) for each in self.store.cameras}
+        found |= {_key(each): of_pictures(episode.images[each]) for each in self.cameras}
         self.stats.append(found)
         self.rows.append(self.row(index, len(episode.qpos), start, where))
         self._start += len(episode.qpos)
@@ -132,7 +136,7 @@ class Writer:
         if self.video:
             self._films = {
                 camera: Film(self._path(self.VIDEO, {**where, "video_key": _key(camera)}), self._rate, None)
-                for camera in self.store.cameras
+                for camera in self.cameras
             }
 
     def shut(self) -> None:
@@ -151,11 +155,12 @@ class Writer:
         steps = len(episode.qpos)
         frame = np.arange(steps)
         poses = [episode.poses[name] for name in self.store.objects]
+        rows = slice(self.agents[0] - 1, self.agents[-1])
         return {
-            "observation.state": flat(episode.qpos),
-            "action": flat(episode.action),
+            "observation.state": flat(episode.qpos[:, rows]),
+            "action": flat(episode.action[:, rows]),
             **({"object_poses": np.concatenate(poses, axis=1)} if poses else {}),
-            **({} if episode.executed is None else {"executed": flat(episode.executed)}),
+            **({} if episode.executed is None else {"executed": flat(episode.executed[:, rows])}),
             "next.success": last(steps),
             "next.done": last(steps),
             "scene_seed": np.full(steps, episode.seed),
@@ -196,7 +201,7 @@ class Writer:
                 "from_timestamp": (start - self._began) / self._rate,
                 "to_timestamp": (start - self._began + steps) / self._rate,
             }
-            for camera in self.store.cameras:
+            for camera in self.cameras:
                 row |= {f"videos/{_key(camera)}/{key}": at for key, at in {**where, **shown}.items()}
         for name, stats in self.stats[-1].items():
             row |= {f"stats/{name}/{key}": value.tolist() for key, value in stats.items()}
@@ -215,7 +220,7 @@ class Writer:
 
     def info(self) -> dict[str, Any]:
         """What is told of all of it."""
-        kinds = Counter(model.kind for model in self.store.models)
+        kinds = Counter(self.store.models[agent - 1].kind for agent in self.agents)
         return {
             "codebase_version": self.VERSION,
             "robot_type": "_".join(f"{count}x_{kind}" for kind, count in kinds.items()),
@@ -233,9 +238,11 @@ class Writer:
         }
 
 
-def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
+def _features(
+    store: Store, agents: Sequence[int], cameras: Sequence[str], video: bool
+) -> dict[str, dict[str, Any]]:
     """What the columns are, and the names of their values."""
-    agents, rate = store.agents, store.attrs["control_hz"]
+    rate = store.attrs["control_hz"]
     size = store.attrs["height"], store.attrs["width"]
     found = {"observation.state": _vector(_by_agent(agents, partial(joint_names, store.attrs)))}
     found["action"] = _vector(_by_agent(agents, partial(command_names, store.attrs)))
@@ -243,7 +250,7 @@ def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
         found["object_poses"] = _vector([f"{name}.{axis}" for name in store.objects for axis in POSE])
     if store.disturbed:
         found["executed"] = _vector(_by_agent(agents, partial(command_names, store.attrs)))
-    for camera in store.cameras:
+    for camera in cameras:
         found[_key(camera)] = {
             "dtype": "image",
             "shape": [*size, 3],
@@ -259,9 +266,9 @@ def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
     return found | {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in kinds.items()}
 
 
-def _by_agent(agents: int, names: Callable[[int], Sequence[str]]) -> list[str]:
+def _by_agent(agents: Sequence[int], names: Callable[[int], Sequence[str]]) -> list[str]:
     """`agent1.` and the first name of the first agent, ...: all of the first agent, then of the second."""
-    return [f"agent{agent}.{name}" for agent in range(1, agents + 1) for name in names(agent)]
+    return [f"agent{agent}.{name}" for agent in agents for name in names(agent)]
 
 
 def _vector(names: list[str]) -> dict[str, Any]:

@@ -26,9 +26,9 @@ def held(pictures: str) -> str:
     return lerobot.held(pictures, _Writer.VERSION)
 
 
-def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into a folder; pictures are kept as one of `PICTURES`."""
-    write_all(_Writer(store, folder, pictures == "video"), store, advance)
+def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
+    """All episodes of a store into a folder, of all agents or of one; pictures as one of `PICTURES`."""
+    write_all(_Writer(store, folder, pictures == "video", agent), store, advance)
 
 
 class _Writer(Writer):
@@ -64,7 +64,7 @@ class _Writer(Writer):
 
     def info(self) -> dict[str, Any]:
         found = super().info() | {
-            "total_videos": len(self.store) * len(self.store.cameras) * self.video,
+            "total_videos": len(self.store) * len(self.cameras) * self.video,
             "total_chunks": -(-len(self.store) // EPISODES_A_CHUNK),
             "chunks_size": EPISODES_A_CHUNK,
         }
