@@ -25,6 +25,7 @@ from rf_exp.coordination import assign
 from rf_exp.coordination.assignment import greedy, load_s
 from rf_exp.datagen import Planned, Planner, Settings, State, allocated
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.reach import LookAhead, Reach
 from rf_exp.statements import Proposal, grasping, keep_clear
 from rf_exp.tasks import Task, default_of, named_task
@@ -89,7 +90,10 @@ def reached(seed: int) -> NDArray[np.float64]:
     task = named_task("ring_8x1")
     assert task is not None
     reach = Reach(
-        task.arms, JointLimits(**default_of("limits")), lambda *_, **__: None, np.random.default_rng(0)
+        task.arms,
+        JointLimits(**default_of("limits")),
+        lambda *_, **__: None,
+        Search(np.random.default_rng(0)),
     )
     rng = np.random.default_rng(seed)
     rest = {agent: np.array(task.robots[agent - 1].rest_rad) for agent in task.agents}

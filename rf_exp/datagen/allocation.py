@@ -14,6 +14,7 @@ import numpy as np
 
 from rf_exp.coordination import assign
 from rf_exp.datagen.brain import BadAnswer
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.request import Request, destinations
@@ -37,7 +38,7 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
     if all(subgoal.agent != ANYBODY for subgoal in proposal.subgoals):
         _nothing_open(proposal.constraints)
         return proposal
-    reach = Reach(task.arms, limits, _free, np.random.default_rng(0))  # no path is looked for, so none drawn
+    reach = Reach(task.arms, limits, _free, Search(np.random.default_rng(0)))  # no path is looked for
     state = present_state(task, scene)
     jobs = list(_jobs(proposal.subgoals))
     takes_s = np.full((len(jobs), len(task.agents)), np.inf)

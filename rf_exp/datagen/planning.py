@@ -11,6 +11,7 @@ from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
 from rf_exp.datagen.allocation import allocated
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.planner import Motions, in_turn, plan_motion
 from rf_exp.datagen.motion.state import Unreachable
 from rf_exp.datagen.obstacles import Obstacles, taken
@@ -130,14 +131,16 @@ class Planner:
         if known and (violation := taken(task, queues, scene)) is not None:
             return violation
         violation = None
-        tried = ways(queues, scene, constraint_set)
+        tried, search = ways(queues, scene, constraint_set), Search(rng)
         for way in tried:
-            result = self._motion(queues, checker, scene, way, rng, pauses)
+            result = self._motion(queues, checker, scene, way, search, pauses)
             if isinstance(result, Planned):
                 return replace(result, proposal=proposal)
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
             if violation is None or result.check is not CheckName.MOTION:
                 violation = result
+            if result.finding is Finding.CLOSE_AT_FIRST:  # where arms stand is so in every way
+                return result
         assert violation is not None  # there is at least one way
         several = violation.cause is Cause.SPACE and len(tried) > 1
         return replace(violation, tried=tuple(map(str, tried))) if several else violation
@@ -148,7 +151,7 @@ class Planner:
         checker: RoboChecker,
         scene: Scene,
         way: Way,
-        rng: np.random.Generator,
+        search: Search,
         pauses: np.random.Generator | None,
     ) -> Planned | Violation:
         """Trajectories and a schedule that pass all checks, or the first reason why not."""
@@ -164,7 +167,7 @@ class Planner:
                 lockstep=checker.lockstep,
                 order=checker.order,
                 yielding=way.yielding,
-                rng=rng,
+                search=search,
             )
         except Unreachable as error:
             near = {} if error.blockage is None else obstacles.how_near(error.blockage)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen import Unreachable
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.planner import plan_motion
-from rf_exp.datagen.motion.reach import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.datagen.yielding import Yielding, ways
@@ -33,7 +33,7 @@ def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yiel
         limits=LIMITS,
         lockstep=lockstep,
         yielding=yielding or Yielding(),
-        rng=np.random.default_rng(0),
+        search=Search(np.random.default_rng(0)),
     )
     return made.trajectories, made.state
 
@@ -171,21 +171,26 @@ def test_rrt_goes_round_a_wall():
         return not ((np.abs(points[:, 0] - 0.5) < 0.1) & (points[:, 1] < 0.8)).any()
 
     start, goal = np.zeros(7), np.eye(7)[0]
-    path = find_path(start, goal, free, DEFAULT.limits_rad, np.random.default_rng(0))
+    path = Search(np.random.default_rng(0)).path(start, goal, free, DEFAULT.limits_rad)
     assert path is not None and len(path) > 2
     np.testing.assert_array_equal(path[0], start)
     np.testing.assert_array_equal(path[-1], goal)
-    assert (
-        find_path(
-            start,
-            goal,
-            lambda p: not (np.abs(p[:, 0] - 0.5) < 0.1).any(),
-            DEFAULT.limits_rad,
-            np.random.default_rng(0),
-            iterations=50,
-        )
-        is None
-    )
+
+
+def test_a_search_without_a_way_ends_and_leaves_straight_lines() -> None:
+    tried = 0
+
+    def free(points):
+        nonlocal tried
+        tried += 1
+        return not (np.abs(points[:, 0] - 0.5) < 0.1).any()
+
+    start, goal = np.zeros(7), np.eye(7)[0]
+    search = Search(np.random.default_rng(0), edges=50)
+    for _ in range(3):
+        assert search.path(start, goal, free, DEFAULT.limits_rad) is None
+    assert tried < 70  # the line and both ends are looked at each time; a branch is grown to its end
+    assert search.path(start, np.eye(7)[1], free, DEFAULT.limits_rad) is not None
 
 
 def test_arms_turned_to_the_table_reach_it():

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from rf_exp.coordination import Demands
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
@@ -182,7 +183,7 @@ def plan_motion(
     lockstep: Lockstep,
     order: Order = (),
     yielding: Yielding,
-    rng: np.random.Generator,
+    search: Search,
 ) -> Motions:
     """Motions that carry out a proposal. Raises Unreachable.
 
@@ -190,7 +191,7 @@ def plan_motion(
     starts from where the earlier leaves the objects. Arms yield where a way is free.
     """
     begin, planned = present_state(task, scene), list[Subgoal]()
-    ask = partial(Request, task, Reach(task.arms, limits, blocked, rng))
+    ask = partial(Request, task, Reach(task.arms, limits, blocked, search))
     made = _Made(task, begin)
     for agent in yielding.first:
         made.add(_yield(ask(Subgoal(agent, "aside")), made.state))

@@ -8,6 +8,7 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from rf_exp.datagen.motion.branches import Approaches, Arrivals, along, leaving_s, straight
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import SPACING_RAD, blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
@@ -19,12 +20,8 @@ from rf_exp.types import JointLimits
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
 CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
-_STEP_RAD = 0.25  # growth of the trees, largest joint
-_CHECK_EVERY = 5  # dense points; 0.05 rad between the checked ones
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
-Free = Callable[[Points], bool]  # whether joint points (K, dof) are all collision-free
-Tree = tuple[list[Points], list[int]]  # nodes (dof,) rad, and the index of the parent of each
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ class Reach:
     arms: Mapping[int, Arm]
     limits: JointLimits
     blocked: Blocked
-    rng: np.random.Generator
+    search: Search
 
     def timed(
         self,
@@ -175,7 +172,7 @@ class Reach:
         def free(points: Points) -> bool:
             return self.blocked(agent, points, state, state.in_hand(agent)) is None
 
-        return find_path(start, goal, free, self.arms[agent].robot.limits_rad, self.rng)
+        return self.search.path(start, goal, free, self.arms[agent].robot.limits_rad)
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
         """Timed points (T, dof) to joints (dof,). Raises Unreachable."""
@@ -248,78 +245,3 @@ def turned(goal: Matrix, turns: int) -> list[Matrix]:
 def contacts(world_from_object: Matrix, point: InteractionPoint) -> list[Matrix]:
     """TCP poses in which a gripper meets an object at a point: all that serve equally."""
     return [hand for alike in point.alike for hand in turned(world_from_object @ alike, point.turns)]
-
-
-def edge_free(a: Points, b: Points, free: Free) -> bool:
-    """Whether the straight joint line from a to b (dof,) is free."""
-    points = densify(np.stack([a, b]))
-    return free(np.concatenate([points[::_CHECK_EVERY], points[-1:]]))
-
-
-def find_path(
-    start: Points,
-    goal: Points,
-    free: Free,
-    limits_rad: Points,
-    rng: np.random.Generator,
-    *,
-    iterations: int = 600,
-) -> Points | None:
-    """Via points (K, dof) from start to goal: a straight line, or RRT-Connect (Kuffner and LaValle 2000)."""
-    if edge_free(start, goal, free):
-        return np.stack([start, goal])
-    if not (free(start[None]) and free(goal[None])):
-        return None
-    low, high = limits_rad
-    trees: list[Tree] = [([start], [-1]), ([goal], [-1])]
-    for iteration in range(iterations):
-        a, b = trees[iteration % 2], trees[1 - iteration % 2]
-        # A Gaussian about the straight line finds the way round a small obstacle sooner than a uniform draw.
-        middle = start + rng.uniform() * (goal - start)
-        sample = np.clip(middle + rng.normal(0.0, 0.2 + 0.8 * iteration / iterations, len(start)), low, high)
-        if _grow(a, sample, free) and (meeting := _connect(b, a[0][-1], free)) is not None:
-            path = np.array(_trace(a, len(a[0]) - 1)[::-1] + _trace(b, meeting))
-            return _shortcut(path if iteration % 2 == 0 else path[::-1], free)
-    return None
-
-
-def _grow(tree: Tree, target: Points, free: Free) -> bool:
-    """Adds one step towards `target`; whether it was free."""
-    nodes, parents = tree
-    near = int(np.argmin(np.abs(np.array(nodes) - target).max(axis=1)))
-    delta = target - nodes[near]
-    new = nodes[near] + delta * min(1.0, _STEP_RAD / max(np.abs(delta).max(), 1e-9))
-    if not edge_free(nodes[near], new, free):
-        return False
-    nodes.append(new)
-    parents.append(near)
-    return True
-
-
-def _connect(tree: Tree, target: Points, free: Free) -> int | None:
-    """Grows straight to `target` as far as it goes; the index of the node that reached it."""
-    while _grow(tree, target, free):
-        if np.abs(tree[0][-1] - target).max() < 1e-9:
-            return len(tree[0]) - 1
-    return None
-
-
-def _trace(tree: Tree, index: int) -> list[Points]:
-    nodes, parents = tree
-    path = []
-    while index >= 0:
-        path.append(nodes[index])
-        index = parents[index]
-    return path
-
-
-def _shortcut(path: Points, free: Free) -> Points:
-    """The path without the via points that a free straight line makes needless, the longest lines first."""
-    for span in range(len(path) - 1, 1, -1):
-        for first in range(len(path) - span):
-            if edge_free(path[first], path[first + span], free):
-                ends = path[: first + 1], path[first + span :]
-                return np.concatenate(
-                    [_shortcut(ends[0], free)[:-1], path[[first]], _shortcut(ends[1], free)]
-                )
-    return path
