@@ -129,7 +129,7 @@ def test_fuzzed_replies_are_understood_or_refused_and_nothing_is_executed():
     told = asked({"fuzzed": fuzzed(200)}, [DEADLINE_S])
     reasons = [outcome["reason"] for outcome in told["outcomes"]]
     assert len(reasons) == 200 and all(reasons)
-    assert 20 < reasons.count("understood") < 180  # neither all nor nothing gets through
+    assert 10 < reasons.count("understood") < 190  # neither all nor nothing gets through
     assert told["peak_mb"] < MOST_MB
     assert max(outcome["wall_s"] for outcome in told["outcomes"]) < DEADLINE_S + SPARE_S
     print(
