@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapely import MultiPoint
 
 from rf_exp.datagen import Planned, Planner, Settings, as_commanded, commands_of, drive, follow
-from rf_exp.datagen.brain import Question, to_json
+from rf_exp.datagen.brain import BrainSpec, Question, to_json
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.findings import CheckName, Violation, agent_name
 from rf_exp.library.reading import GREY, ReadRobot, ReadTask, asset_of, upright_frame
@@ -81,11 +81,10 @@ class Saying:
 
 
 @dataclass(frozen=True)
-class Said:
+class Said(BrainSpec):
     """What it is made from."""
 
     name: ClassVar[str] = "said"
-    reads: ClassVar[bool] = False
 
     proposal: Proposal
 
@@ -95,9 +94,6 @@ class Said:
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Saying:
         return Saying(self.proposal)
-
-    def again(self) -> "Said":
-        return self
 
 
 class Driven:

@@ -13,8 +13,7 @@ def test_success_is_told_with_its_interval_and_a_film_of_one(tmp_path: Path) -> 
     one = replace(experiment("demos=50", "scenes=4"), out=tmp_path)
     assert [*reached(one)] == []
     cell = cell_of(one)
-    made = {"recipe": "test", "version": cell.task.version}
-    rows = evaluation("lift_barrier", "separate_local", 50, 3, 1, **made)
+    rows = evaluation("lift_barrier", "separate_local", 50, 3, 1, recipe="test", version=cell.task.version)
     for row in rows:
         append_row(cell.evaluation_path, row)
     place = "lift_barrier/full/separate_local"
