@@ -177,15 +177,20 @@ def test_a_summary_for_programs(tmp_path: Path, command: Command) -> None:
 # Exports
 
 
+def lerobot(folder: Path, command: Command, episodes: int, *options: str) -> tuple[Store, Path, Any]:
+    """A store of some episodes, the folder of its export, and what that says of itself."""
+    path, to = store_of(folder / "s.zarr", range(episodes)), folder / "lerobot"
+    assert command("export", path, to, *options)[0] == 0
+    return Store.open(path), to, json.loads((to / "meta/info.json").read_text())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("pictures", ["video", "png"])
 def test_a_lerobot_export_holds_the_values_of_the_store(
     tmp_path: Path, command: Command, pictures: str
 ) -> None:
     """What lerobot itself makes of it: benchmarks/lerobot_reads.py."""
-    path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "lerobot"
-    assert command("export", path, to, "--format", "lerobot", "--pictures", pictures)[0] == 0
-    store, info = Store.open(path), json.loads((to / "meta/info.json").read_text())
+    store, to, info = lerobot(tmp_path, command, 3, "--format", "lerobot", "--pictures", pictures)
     table = pq.read_table(to / "data/chunk-000/file-000.parquet")
     assert (info["total_frames"], info["total_episodes"], info["fps"]) == (store.steps, 3, 20)
     for name, values in {"observation.state": store.qpos, "action": store.action}.items():
@@ -216,9 +221,7 @@ def shown(folder: Path, table: Any, camera: str, film: str | None = None) -> np.
 def test_an_export_of_version_2_1_has_files_for_each_episode(
     tmp_path: Path, command: Command, pictures: str
 ) -> None:
-    path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "lerobot"
-    assert command("export", path, to, "--format", "lerobot_v21", "--pictures", pictures)[0] == 0
-    store, info = Store.open(path), json.loads((to / "meta/info.json").read_text())
+    store, to, info = lerobot(tmp_path, command, 3, "--format", "lerobot_v21", "--pictures", pictures)
     assert (info["codebase_version"], info["total_frames"]) == ("v2.1", store.steps)
     assert info["total_videos"] == (3 * len(CAMERAS) if pictures == "video" else 0)
     told = {
@@ -247,9 +250,8 @@ def test_an_export_of_version_2_1_has_files_for_each_episode(
 
 @pytest.mark.slow
 def test_an_export_of_one_agent_holds_what_it_is_told_and_does(tmp_path: Path, command: Command) -> None:
-    path, to = store_of(tmp_path / "s.zarr", range(2)), tmp_path / "second"
-    assert command("export", path, to, "--format", "lerobot", "--pictures", "png", "--agent", "2")[0] == 0
-    store, info = Store.open(path), json.loads((to / "meta/info.json").read_text())
+    options = ("--format", "lerobot", "--pictures", "png", "--agent", "2")
+    store, to, info = lerobot(tmp_path, command, 2, *options)
     table = pq.read_table(to / "data/chunk-000/file-000.parquet")
     for name, values in {"observation.state": store.qpos, "action": store.action}.items():
         np.testing.assert_array_equal(np.array(table[name].to_pylist(), np.float32), values[:, 1])
@@ -259,6 +261,8 @@ def test_an_export_of_one_agent_holds_what_it_is_told_and_does(tmp_path: Path, c
         f"observation.images.{camera}" for camera in cameras
     ]
     assert info["robot_type"] == "1x_franka_panda"
+    card = (to / "README.md").read_text()
+    assert "measured joints of agent 2," in card and "all agents" not in card
 
 
 @pytest.mark.slow

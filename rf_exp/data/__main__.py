@@ -159,9 +159,11 @@ def export(
     if agent is not None and not 1 <= agent <= store.agents:
         raise ArgumentError(f"--agent {agent}: {path} has agents 1 to {store.agents}")
     alone = {} if agent is None else {"agent": agent}
-    what = f"{len(store)} episodes, {store.steps} steps, cameras {', '.join(store.cameras) or 'none'}"
+    what = f"{len(store)} episodes, {store.steps} steps"
+    what += f", cameras {', '.join(store.cameras) or 'none'}" if agent is None else f" of agent {agent}"
+    held = how.held(kept, **alone)
     if dry_run:
-        console.print(f"{folder} would hold {what}; nothing was written\n{how.held(kept)}")
+        console.print(f"{folder} would hold {what}; nothing was written\n{held}")
         return
     with (
         writing(folder),
@@ -170,7 +172,7 @@ def export(
     ):
         draft.mkdir()
         how.write(store, draft, kept, progress.advance, **alone)
-        write_text(draft / "README.md", card(store, how.held(kept), how.TAGS))
+        write_text(draft / "README.md", card(store, held, how.TAGS))
     console.print(f"{folder} holds {what}: {mib(folder)} MiB, the store {mib(path)} MiB")
 
 

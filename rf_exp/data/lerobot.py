@@ -37,12 +37,15 @@ Columns = dict[str, NDArray[Any]]  # feature -> its rows of an episode
 Stats = dict[str, NDArray[Any]]
 
 
-def held(pictures: str, version: str = "v3.0") -> str:
-    """What lies in the folder."""
+def held(pictures: str, agent: int | None = None, version: str = "v3.0") -> str:
+    """What lies in the folder, of all agents or of one."""
+    whose, side_by_side = "all agents", ", one agent behind the other"
+    if agent is not None:
+        whose, side_by_side = f"agent {agent}", ""
     kept = {"video": "lossless H.264 video (RGB, every pixel kept)", "png": "PNG within the Parquet files"}
     return (
-        f"A LeRobotDataset {version}: `observation.state` holds the measured joints of all agents, `action` "
-        "their joint\ntargets and gripper commands, one agent behind the other; "
+        f"A LeRobotDataset {version}: `observation.state` holds the measured joints of {whose}, `action` "
+        f"their joint\ntargets and gripper commands{side_by_side}; "
         f"`observation.images.<camera>` the pictures, as\n{kept[pictures]}. `object_poses`, `executed` and "
         "`scene_seed` are\nextras that no policy of lerobot takes for an input."
     )

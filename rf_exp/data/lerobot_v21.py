@@ -21,9 +21,9 @@ __all__ = ["PICTURES", "TAGS", "held", "write"]
 EPISODES_A_CHUNK = 1000
 
 
-def held(pictures: str) -> str:
-    """What lies in the folder."""
-    return lerobot.held(pictures, _Writer.VERSION)
+def held(pictures: str, agent: int | None = None) -> str:
+    """What lies in the folder, of all agents or of one."""
+    return lerobot.held(pictures, agent, _Writer.VERSION)
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
