@@ -181,6 +181,7 @@ HELPED = {
     "run": "demonstrations, policies that learn from them",
     "gallery": "a contact sheet and a film of each chosen task",
     "demonstration": "one episode on a page, with its recording",
+    "client": "asked with made-up observations",
     "rescue": "outputs/data/lift_barrier/full/fast.zarr",
     "data": "COMMAND --help",
     "doctor": "what this machine can do",

@@ -3,22 +3,33 @@
     PYTHONPATH=. python examples/foreign/serve.py examples.foreign.hold:make [--options '{"steps": 8}']
 
 Runs where the policy does, in an environment of its own: it needs this repository in PYTHONPATH, numpy,
-msgpack and websockets, and nothing else of it. Each connection has a policy to itself.
+msgpack and websockets, and lazy_loader. Each connection has a policy to itself.
 """
 
 import argparse
 import json
-import traceback
-
-import numpy as np
+from typing import Any
 
 try:
-    from websockets.exceptions import ConnectionClosed
-    from websockets.sync.server import ServerConnection, serve
-except ModuleNotFoundError:
-    raise SystemExit("websockets is not installed; run: pip install websockets msgpack") from None
+    from rf_exp.client import serving
+except ModuleNotFoundError as error:
+    raise SystemExit(f"{error.name} is not installed; run: pip install websockets msgpack") from None
 
-from rf_exp.policy import make_policy, pack, unpack
+from rf_exp.policy import make_policy
+
+
+class Served:
+    """A policy with `act`, as the client serves it; the seed of each episode goes to its `reset`."""
+
+    def __init__(self, factory: str, options: dict[str, Any]) -> None:
+        self._policy = make_policy(factory, options)
+
+    def reset(self, seed: int) -> None:
+        if hasattr(self._policy, "reset"):
+            self._policy.reset(seed)
+
+    def infer(self, observation: dict[str, Any]) -> dict[str, Any]:
+        return {"actions": self._policy.act(observation)}
 
 
 def main() -> None:
@@ -29,28 +40,13 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=8000)
     given = parser.parse_args()
 
-    def converse(socket: ServerConnection) -> None:
-        try:
-            policy = make_policy(given.factory, given.options)
-            socket.send(pack({"factory": given.factory}))
-            for message in socket:
-                observation = unpack(message)  # pyright: ignore[reportArgumentType]
-                seed = observation.pop("reset", None)
-                if seed is not None and hasattr(policy, "reset"):
-                    policy.reset(seed)
-                socket.send(pack({"actions": np.asarray(policy.act(observation))}))
-        except ConnectionClosed:
-            pass  # by a worker that has ended
-        except Exception:
-            traceback.print_exc()
-            socket.send(traceback.format_exc())  # as openpi tells of an error
-            socket.close(1011)
+    def make() -> Served:
+        return Served(given.factory, given.options)
 
-    make_policy(given.factory, given.options)  # what is slow or wrong about it shows before anybody waits
-    options = {"max_size": None, "compression": None, "ping_interval": None}
-    with serve(converse, given.host, given.port, **options) as server:
-        print(f"{given.factory} at ws://{given.host}:{server.socket.getsockname()[1]}", flush=True)
-        server.serve_forever()
+    make()  # what is slow or wrong about it shows before anybody waits
+    with serving(make, given.host, given.port, {"factory": given.factory}) as server:
+        print(f"{given.factory} at {server.address}", flush=True)
+        server.run()
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ rf-exp doctor               as python -m rf_exp.doctor
 import runpy
 import sys
 
-COMMANDS = ("compose", "data", "demonstration", "doctor", "gallery", "laws", "rescue", "verify")
+COMMANDS = ("client", "compose", "data", "demonstration", "doctor", "gallery", "laws", "rescue", "verify")
 
 
 def main() -> int:

@@ -21,8 +21,6 @@ from .config import read_recipe as read_recipe
 from .examples.windows import Batch as Batch
 from .examples.windows import Windows as Windows
 from .foreign.factory import make_policy as make_policy
-from .foreign.remote import pack as pack
-from .foreign.remote import unpack as unpack
 from .foreign.runner import foreign_runners as foreign_runners
 from .foreign.spec import Foreign as Foreign
 from .foreign.spec import foreign_policy as foreign_policy

@@ -1,7 +1,10 @@
-"""Texts of others, fit to be shown: `plain` ones, and in `markdown`."""
+"""Texts of others, fit to be shown: `plain` ones, and in `markdown`.
 
-from rf_exp.texts import markdown
-from rf_exp.texts.plain import (
+Relative imports: `rf_exp-client` packages these files under its own name.
+"""
+
+from . import markdown
+from .plain import (
     LONGEST_ERROR,
     LONGEST_LINE,
     LONGEST_OUTPUT,

@@ -8,7 +8,7 @@ value that is none yet.
 import re
 from collections.abc import Iterable, Sequence
 
-from rf_exp.texts.plain import printable, shown
+from .plain import printable, shown
 
 LONGEST_TEXT = 4_000  # characters of one value on a page
 

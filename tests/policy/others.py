@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from websockets.sync.server import ServerConnection, serve
 
-from rf_exp.policy import pack
+from rf_exp.client import pack
 
 Answer = Callable[[dict[str, Any]], Any]
 

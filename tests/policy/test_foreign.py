@@ -18,9 +18,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.ablation import EvaluationRow, read_rows
+from rf_exp.client import pack, unpack
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.observations import Observations
-from rf_exp.policy import Foreign, foreign_runners, make_policy, pack, rollout, unpack
+from rf_exp.policy import Foreign, foreign_runners, make_policy, rollout
 from rf_exp.policy.foreign.remote import Remote
 from rf_exp.policy.foreign.runner import ForeignRunner
 from rf_exp.robots import DEFAULT

@@ -22,12 +22,13 @@ from websockets.sync.server import ServerConnection
 from rf_exp import ablation, rescue
 from rf_exp.ablation import append_row
 from rf_exp.ablation.__main__ import main as tables
+from rf_exp.client import pack
 from rf_exp.command import guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.datagen.brain import BadAnswer, from_json
 from rf_exp.errors import ArgumentError, RfError, StageError, WorkerDied, portable
 from rf_exp.findings import Account, Unmet
-from rf_exp.policy import make_policy, pack
+from rf_exp.policy import make_policy
 from rf_exp.policy.foreign.remote import Remote
 from rf_exp.policy.foreign.runner import checked
 from rf_exp.progress import Progress, Screen, complaints, console

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp import client
 from rf_exp.errors import RfError, StageError
 from rf_exp.observations import Observation
 from rf_exp.policy.acting.rollouts import PolicyRunner
@@ -16,7 +17,7 @@ from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.foreign.factory import make_policy
 from rf_exp.policy.foreign.spec import Foreign
 from rf_exp.policy.inputs.rows import GRIPPER, wide
-from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
+from rf_exp.policy.inputs.view import Stream, View
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, GRIPPER_OPEN
 
@@ -103,28 +104,10 @@ class ForeignRunner(PolicyRunner):
 
 def checked(answer: object, agents: int) -> NDArray[np.float64]:
     """What a policy gave, as a chunk (T, agents, 8). Raises StageError for anything else."""
-    each = f"seven joint targets in rad and the gripper in [-1, 1] of {agents} agent{'s' * (agents > 1)}"
-    size = ACTION_SIZE * agents
-    expected = f"expected finite numbers (T, {agents}, {ACTION_SIZE}) or (T, {size}): {each}"
     try:
-        array = np.asarray(answer)
-    except Exception as error:  # a tensor elsewhere, lists of different lengths
-        raise StageError(
-            f"actions that are no array ({type(answer).__name__}: {error}); {expected}"
-        ) from error
-    if array.dtype.kind not in "iuf":
-        raise StageError(f"actions of type {array.dtype} ({type(answer).__name__}); {expected}")
-    if not len(array.shape) or not len(array) or array.shape[1:] not in {(agents, ACTION_SIZE), (size,)}:
-        raise StageError(f"actions of shape {array.shape}; {expected}")
-    chunk = array.reshape(-1, agents, ACTION_SIZE).astype(float)
-    if not np.isfinite(chunk).all():
-        step, row, joint = np.argwhere(~np.isfinite(chunk))[0].tolist()
-        which = "gripper" if joint == ARM_JOINTS else f"joint {joint + 1}"
-        raise StageError(
-            f"{which} of agent {row + 1} is {chunk[step, row, joint]} in step {step} of a chunk of "
-            f"{len(chunk)}; {expected}"
-        )
-    return chunk
+        return client.checked(answer, agents)
+    except ValueError as error:
+        raise StageError(*error.args) from error
 
 
 def foreign_runners(spec: Foreign, fastest_rad: float, task: Task) -> tuple[PolicyRunner, ...]:

@@ -1,0 +1,7 @@
+"""`python -m rf_exp_client`, which is the command `rf_exp-client`."""
+
+import sys
+
+from .client.__main__ import main
+
+sys.exit(main())

@@ -1,0 +1,99 @@
+"""Connection to a policy server, by openpi's protocol: msgpack over a websocket.
+
+The server speaks first, with a map of what it likes to say of itself. Then each message is an observation,
+and each answer a map with `actions`; a text in its place is an error of the server. The first observation
+of an episode has `reset`, the seed of its scene: who keeps nothing between observations need not look.
+"""
+
+from contextlib import ExitStack
+from typing import Any
+
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
+from websockets.sync.client import ClientConnection, connect
+
+from ..texts import printable
+from .wire import LARGEST, pack, unpack
+
+LEAVE_S = 1.0  # how long a server may take to say goodbye
+KEYS, LAST = 5, 2000  # of an answer without actions that are repeated; characters at the end of an error
+
+
+class ServerFailed(Exception):
+    """A policy server that cannot be reached, does not answer, or answers something else."""
+
+
+class Connection:
+    """One connection. Every way in which a server can fail raises a ServerFailed that says which."""
+
+    LIMITS = "connect_s", "answer_s"  # what the limits are called in what is raised
+
+    def __init__(self, server: str, connect_s: float, answer_s: float) -> None:
+        """Connects to `ws://host:port` within `connect_s` seconds; each answer may take `answer_s`."""
+        self._server, self._answer_s, self._open = server, answer_s, ExitStack()
+        self._seed: int | None = None  # of an episode that has not begun yet
+        try:
+            self._socket: ClientConnection = self._open.enter_context(
+                connect(
+                    server,
+                    open_timeout=connect_s,
+                    close_timeout=LEAVE_S,
+                    compression=None,
+                    max_size=LARGEST,
+                    ping_interval=None,  # who computes in the event loop of a server cannot answer them
+                )
+            )
+        except TimeoutError as error:
+            raise self._failed(f"does not answer within {connect_s:g} s ({self.LIMITS[0]})") from error
+        except (InvalidHandshake, InvalidURI) as error:
+            how = f"refuses the connection: {printable(error)}; expected a websocket server"
+            raise self._failed(how) from error
+        except OSError as error:
+            how = f"cannot be reached: {printable(error.strerror or error)}; start it first"
+            raise self._failed(how) from error
+        self.metadata = self._answer(connect_s, self.LIMITS[0])
+
+    def reset(self, seed: int) -> None:
+        """An episode begins; the server is told with its first observation."""
+        self._seed = seed
+
+    def act(self, observation: dict[str, Any]) -> Any:
+        """The `actions` of the server for an observation."""
+        begins = {} if self._seed is None else {"reset": self._seed}
+        try:
+            self._socket.send(pack({**observation, **begins}))
+        except WebSocketException as error:
+            raise self._failed(f"has closed the connection: {printable(error)}") from error
+        self._seed = None
+        answer = self._answer(self._answer_s, self.LIMITS[1])
+        if "actions" not in answer:
+            keys = [printable(key, 40) for key in list(answer)[:KEYS]]
+            raise self._failed(f"answers with {sorted(keys)}; expected a map with 'actions'")
+        return answer["actions"]
+
+    def close(self) -> None:
+        """Leaves the server."""
+        self._open.close()
+
+    def _answer(self, limit_s: float, key: str) -> dict[Any, Any]:
+        try:
+            said = self._socket.recv(limit_s)
+        except TimeoutError as error:
+            raise self._failed(f"gives no answer within {limit_s:g} s ({key})") from error
+        except ConnectionClosed as error:
+            raise self._failed(f"has closed the connection: {printable(error)}") from error
+        if isinstance(said, str):
+            last = (said[-LAST:].strip().splitlines() or ["nothing"])[-1]
+            raise self._failed(f"reports an error: {printable(last)}")
+        try:
+            answer = unpack(said)
+        except ValueError as error:
+            how = f"answers with {printable(error)}; expected msgpack, as openpi's servers send"
+            raise self._failed(how) from error
+        if not isinstance(answer, dict):
+            raise self._failed(f"answers with a {type(answer).__name__}; expected a map")
+        return answer
+
+    def _failed(self, how: str) -> Exception:
+        """What is raised, once the connection is closed."""
+        self.close()
+        return ServerFailed(f"policy server {self._server} {how}")

@@ -1,0 +1,60 @@
+"""Wire format of policy servers, openpi's `msgpack_numpy`: maps, texts, numbers and arrays as msgpack.
+
+An array is a map of the binary keys `__ndarray__` (true), `data` (its bytes, C order), `dtype` (e.g. `<f4`)
+and `shape`; a NumPy number one of `__npgeneric__`, `data` and `dtype`.
+"""
+
+from typing import Any
+
+import msgpack
+import numpy as np
+
+ARRAY, NUMBER = b"__ndarray__", b"__npgeneric__"
+KINDS = "biuf"  # of dtypes that travel: truth values and real numbers
+LONGEST = 2**12  # items of one list or map; arrays travel as bytes, and are no such items
+MOST = 2**16  # items of all lists and maps of a message: each costs many times the byte that announces it
+LARGEST = 2**24  # bytes of an answer; what is larger is no chunk of actions
+
+
+def pack(value: Any) -> bytes:
+    """Raises TypeError for what is neither an array of numbers nor something that msgpack knows."""
+    packed = msgpack.packb(value, default=_encoded)
+    assert packed is not None
+    return packed
+
+
+def unpack(data: bytes) -> Any:
+    """What `pack` was given; arrays are new ones. Raises ValueError for anything else, or too much."""
+    items = 0
+
+    def counted(found: Any) -> Any:
+        nonlocal items
+        items += 1 + len(found)
+        if items > MOST:
+            raise ValueError(f"more than {MOST} items in lists and maps")
+        return _restored(found) if isinstance(found, dict) else found
+
+    limits = {"max_array_len": LONGEST, "max_map_len": LONGEST}
+    try:
+        return msgpack.unpackb(data, object_hook=counted, list_hook=counted, **limits)
+    except (msgpack.UnpackException, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{len(data)} bytes that are no message: {type(error).__name__}: {error}") from error
+
+
+def _encoded(value: Any) -> dict[bytes, Any]:
+    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
+        raise TypeError(f"a {getattr(value, 'dtype', type(value).__name__)} cannot be sent")
+    if isinstance(value, np.generic):
+        return {NUMBER: True, b"data": value.item(), b"dtype": value.dtype.str}
+    return {ARRAY: True, b"data": value.tobytes(), b"dtype": value.dtype.str, b"shape": value.shape}
+
+
+def _restored(found: dict[Any, Any]) -> Any:
+    if ARRAY not in found and NUMBER not in found:
+        return found
+    dtype = np.dtype(found[b"dtype"])
+    if dtype.kind not in KINDS:
+        raise ValueError(f"an array of {dtype}")
+    if NUMBER in found:
+        return dtype.type(found[b"data"])
+    return np.frombuffer(found[b"data"], dtype).reshape(found[b"shape"]).copy()

@@ -1,0 +1,71 @@
+"""The contract with policies of others: what it says is what the suite shows and takes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rf_exp.client import Contract, checked
+from rf_exp.envs.observations import space
+from rf_exp.errors import ArgumentError
+from rf_exp.observations import Observations
+from rf_exp.tasks import Task
+from tests.client.suite import FILE, VELOCITY_RAD_S, written
+from tests.conftest import CONF, TASKS, read_task
+
+OPTIONS: list[dict[str, Any]] = [
+    {"state": "joints", "pictures": True, "language": True},
+    {"state": "full", "pictures": False, "language": False},
+    {"state": "full", "pictures": True, "depth": True, "calibration": True, "width": 64, "height": 48},
+    {"state": "none", "pictures": False, "segmentation": True, "cameras": "local"},
+    {"state": "none", "depth": True, "pictures": False, "calibration": True, "cameras": "global"},
+]
+
+
+@pytest.mark.slow
+def test_what_the_client_knows_of_the_suite_is_so() -> None:
+    assert FILE.read_text("utf-8") == written(), "write it again: python -m tests.client.suite"
+    assert f"limits: {{velocity_rad_s: {VELOCITY_RAD_S}," in (CONF / "config.yaml").read_text("utf-8")
+
+
+def test_observations_are_described_as_the_environments_show_them(task: Task) -> None:
+    for options in OPTIONS:
+        shown = space(Observations(**{"language": False, **options}), task)
+        contract = Contract.of_task(task.name, **{"language": False, **options})
+        assert contract.entries.keys() == shown.spaces.keys(), options
+        made = contract.made_up(3)
+        for key, (shape, dtype, _) in contract.entries.items():
+            assert shown[key].contains(made[key]), key
+            if dtype != "str":
+                assert (shape, np.dtype(dtype)) == (shown[key].shape, shown[key].dtype), key
+
+
+def test_fields_have_the_values_that_the_suite_takes() -> None:
+    for wrong in ({"state": "some"}, {"cameras": "left"}, {"width": 0}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            Contract(2, **wrong)
+        with pytest.raises(ArgumentError):
+            Observations(pictures=True, **wrong)
+    with pytest.raises(ValueError, match="arms is 0"):
+        Contract(0)
+    with pytest.raises(ValueError, match=f"unknown task 'juggle'; available: {', '.join(TASKS)}"):
+        Contract.of_task("juggle")
+
+
+def test_any_number_of_arms_is_described() -> None:
+    entries = Contract(5, ("ball",), state="full", calibration=True).entries
+    assert entries["qpos"].shape == (5, 9) and entries["world_from_base"].shape == (5, 4, 4)
+    assert {"rgb_global", "rgb_agent5", "pose_ball"} <= entries.keys() and "rgb_agent6" not in entries
+
+
+def test_both_shapes_of_a_chunk_are_one() -> None:
+    chunk = np.random.default_rng(0).normal(size=(4, 3, 8))
+    np.testing.assert_array_equal(checked(chunk, 3), chunk)
+    np.testing.assert_array_equal(checked(chunk.reshape(4, 24).tolist(), 3), chunk)
+    with pytest.raises(ValueError, match=r"shape \(4, 3, 8\); expected finite numbers \(T, 2, 8\)"):
+        checked(chunk, 2)
+
+
+def test_a_task_of_the_suite_is_known_by_its_name() -> None:
+    contract, task = Contract.of_task("take_photo"), read_task("take_photo")
+    assert contract.arms == len(task.agents) and contract.description == task.description
