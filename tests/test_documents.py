@@ -50,7 +50,8 @@ from tests.tasks import release_assets
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 OTHERS = ("rerun", "dask", "ray")
-PROGRAMS = ("python", "make", "pip", "rf-exp", "mkdocs", "export", "ssh", "eval", *OTHERS)
+CLIENT = "rf_exp-client"  # of its own distribution, and a command of the suite
+PROGRAMS = ("python", "make", "pip", "rf-exp", CLIENT, "mkdocs", "export", "ssh", "eval", *OTHERS)
 HYDRA = {
     "rf_exp.run": "config",
     "rf_exp.gallery": "config",
@@ -165,7 +166,12 @@ class Parsed(BaseException):  # so that nobody on the way explains it
     """The arguments are understood; nothing more is wanted."""
 
 
-@pytest.mark.parametrize("line", [line for line in of("python") if not is_hydra(line)])
+def modules() -> list[str]:
+    clients = [line.replace(CLIENT, "python -m rf_exp.client", 1) for line in of(CLIENT)]
+    return [line for line in of("python") if not is_hydra(line)] + clients
+
+
+@pytest.mark.parametrize("line", modules())
 def test_a_parser_understands_the_arguments(
     line: str, somewhere: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

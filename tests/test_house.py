@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = {
     path: ast.parse(path.read_text("utf-8"))
-    for folder in ("rf_exp", "docs", "examples")  # benchmarks and tests may look inside
+    for folder in ("rf_exp", "docs", "examples", "plugins")  # benchmarks and tests may look inside
     for path in sorted((ROOT / folder).rglob("*.py"))
 }
 PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}

@@ -40,7 +40,8 @@ class RfExpEnv(EnvConfig):
         self.features[ACTION] = PolicyFeature(FeatureType.ACTION, acts.shape)
         for key in observed.keys() & KINDS.keys():
             self.features[key] = PolicyFeature(KINDS[key], observed[key].shape)
-        for camera, box in observed.get("pixels", {}).items():
+        pixels: Any = observed.get("pixels", {})
+        for camera, box in pixels.items():
             key = f"{OBS_IMAGES}.{camera}"
             self.features[key] = PolicyFeature(FeatureType.VISUAL, box.shape)
             self.features_map[key] = key
@@ -60,6 +61,5 @@ class RfExpEnv(EnvConfig):
 
     @property
     def _observations(self) -> Observations:
-        return Observations(
-            self.state, self.pictures, cameras=self.cameras, width=self.width, height=self.height
-        )
+        names = ("state", "pictures", "cameras", "width", "height")
+        return Observations(**{name: getattr(self, name) for name in names})

@@ -12,6 +12,7 @@ import argparse
 import sys
 from dataclasses import MISSING, fields
 
+from ..texts import printable, shown
 from .checking import check
 from .connection import ServerFailed
 from .contract import CAMERAS, CONTROL_HZ, STATES, Contract
@@ -40,7 +41,7 @@ def main() -> int:
         parser.error(str(error))
     if given.command == "describe":
         for key, (shape, dtype, holds) in contract.entries.items():
-            print(f"{key:28} {dtype:8} {'x'.join(map(str, shape)):12} {holds}")
+            print(shown(f"{key:28} {dtype:8} {'x'.join(map(str, shape)):12} {holds}"))
         return 0
     return _check(given, contract)
 
@@ -49,17 +50,18 @@ def _check(given: argparse.Namespace, contract: Contract) -> int:
     try:
         report = check(given.server, contract, given.connect_s, given.answer_s)
     except ServerFailed as error:
-        print(f"wrong: {error}", file=sys.stderr)
+        print(shown(f"wrong: {error}"), file=sys.stderr)
         return 1
     for note in report.notes:
-        print(f"note: {note}")
+        print(shown(f"note: {note}"))
     first, *later = report.seconds
     steps = sorted(set(report.steps))
-    print(
+    said = (
         f"{len(report.steps)} answers can be used: chunks of {' or '.join(map(str, steps))} steps, "
         f"{steps[0] / CONTROL_HZ:g} s of motion; the first answer took {first:.2f} s, the others "
         f"{sum(later) / len(later):.2f} s"
     )
+    print(printable(said))
     return 0
 
 

@@ -1,5 +1,6 @@
 """Serving a policy to the suite, by openpi's protocol: one thread a connection, each an episode at a time."""
 
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from websockets.sync.server import Server as Sockets
 from websockets.sync.server import ServerConnection
 from websockets.sync.server import serve as listen
 
+from ..texts import printable, shown
 from .wire import pack, unpack
 
 HOST, PORT = "127.0.0.1", 8000  # 0.0.0.0 to be reached from other machines; it asks nobody who they are
@@ -55,9 +57,10 @@ def serving(
     `metadata` is what the suite is greeted with. What a policy raises is told to who asked, and ends that
     connection alone.
     """
-    own = not callable(getattr(policy, "infer", None))
+    own = isinstance(policy, type) or not callable(getattr(policy, "infer", None))
     if own and not callable(policy):
         raise TypeError(f"a {type(policy).__name__} without infer(observation); expected an object with it")
+    given: Any = policy
     greeting = pack(dict(metadata or {}))
     thinks, taken = Lock(), Lock()
 
@@ -68,7 +71,7 @@ def serving(
                 socket, "this policy remembers its episode and answers somebody else; ask with workers=1"
             )
         try:
-            mine: Any = policy() if own else policy
+            mine = given() if own else given
             socket.send(greeting)
             for message in socket:
                 with thinks:
@@ -77,14 +80,14 @@ def serving(
         except ConnectionClosed:
             pass  # by a worker that has ended
         except Exception:
-            traceback.print_exc()
+            print(shown(traceback.format_exc()), file=sys.stderr)
             _tell(socket, traceback.format_exc())
         finally:
             if alone:
                 taken.release()
 
     # Who simulates may not read for minutes; who is gone for longer holds no policy.
-    waits = {"ping_interval": 20, "ping_timeout": 600}
+    waits: dict[str, Any] = {"ping_interval": 20, "ping_timeout": 600}
     with listen(converse, host, port, max_size=None, compression=None, **waits) as sockets:
         yield Server(sockets, host)
 
@@ -97,7 +100,7 @@ def serve(
 ) -> None:
     """Serves a policy until it is interrupted, and prints where; arguments as of `serving`."""
     with serving(policy, host, port, metadata) as server:
-        print(f"policy server at {server.address}", flush=True)
+        print(printable(f"policy server at {server.address}"), flush=True)
         server.run()
 
 

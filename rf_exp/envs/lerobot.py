@@ -79,7 +79,9 @@ def lerobot_spaces(task: str | Path | Task, observations: Observations) -> tuple
         key: spaces.Box(low[key], high[key], dtype=np.float32) for key in low if key != PIXELS
     }
     if PIXELS in low:
-        boxes = {name: spaces.Box(0, 255, each.shape, np.uint8) for name, each in low[PIXELS].items()}
+        boxes: dict[str, spaces.Space] = {
+            name: spaces.Box(0, 255, each.shape, np.uint8) for name, each in low[PIXELS].items()
+        }
         shown[PIXELS] = spaces.Dict(boxes)
     acts = action_space(found)
     return spaces.Dict(shown), spaces.Box(acts.low.ravel(), acts.high.ravel(), dtype=np.float32)

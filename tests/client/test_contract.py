@@ -41,7 +41,8 @@ def test_observations_are_described_as_the_environments_show_them(task: Task) ->
 
 
 def test_fields_have_the_values_that_the_suite_takes() -> None:
-    for wrong in ({"state": "some"}, {"cameras": "left"}, {"width": 0}):
+    wrongs: list[dict[str, Any]] = [{"state": "some"}, {"cameras": "left"}, {"width": 0}]
+    for wrong in wrongs:
         with pytest.raises(ValueError, match=next(iter(wrong))):
             Contract(2, **wrong)
         with pytest.raises(ArgumentError):

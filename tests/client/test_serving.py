@@ -98,6 +98,14 @@ def test_each_connection_has_its_own_where_a_function_makes_them() -> None:
     assert sorted(each.seeds for each in made) == [[0], [1]]
 
 
+def test_a_class_makes_a_policy_for_each_connection() -> None:
+    with served(Remembers) as address:
+        both = [Connection(address, 5, 5) for _ in range(2)]
+        for connection in both:
+            assert connection.act(CONTRACT.made_up()).shape == (5, 2, 8)
+            connection.close()
+
+
 def test_what_a_policy_raises_ends_its_connection_alone(capfd: pytest.CaptureFixture[str]) -> None:
     with served(Stays()) as address:
         with pytest.raises(ServerFailed, match="reports an error: KeyError: 'qpos'"):
