@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.client import Connection, Contract, ServerFailed, check, serving
+from rf_exp.client.__main__ import main
 from tests.policy.others import says, server, stay
 
 ROOT = Path(__file__).parents[2]
@@ -176,6 +177,41 @@ def test_what_the_suite_would_take_and_is_odd_is_told(change: Any, says: str) ->
 def test_what_is_no_server_is_told(converse: Any) -> None:
     with server(converse) as address, pytest.raises(ServerFailed, match=f"policy server {address}"):
         check(address, CONTRACT)
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["rf_exp-client", *arguments])
+    return main()
+
+
+def test_the_command_ends_with_what_is_wrong(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with served(Stays(gripped(2.0))) as address:
+        assert command(monkeypatch, "check", address, "--arms", "2", "--no-pictures") == 0
+        said = capsys.readouterr().out
+        assert (
+            "note: agent 1: its gripper is beyond" in said and "chunks of 5 steps, 0.25 s of motion" in said
+        )
+        assert (
+            command(monkeypatch, "check", address, "--arms", "3", "--no-pictures") == 0
+        )  # it stays with any
+    with served(Stays(lambda chunk: chunk[:, :1])) as address:
+        assert command(monkeypatch, "check", address, "--arms", "2", "--no-pictures") == 1
+        assert capsys.readouterr().err.startswith(
+            "wrong: answer 1 of episode 1 holds actions of shape (5, 1, 8)"
+        )
+    for wrong, told in (("--task=juggle", "unknown task 'juggle'"), ("--arms=0", "arms is 0")):
+        with pytest.raises(SystemExit, match="2"):
+            command(monkeypatch, "describe", wrong)
+        assert told in capsys.readouterr().err
+
+
+def test_the_command_lists_keys(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command(monkeypatch, "describe", "--task", "lift_barrier", "--state", "full", "--depth") == 0
+    rows = {line.split()[0]: line.split()[1:3] for line in capsys.readouterr().out.splitlines()}
+    assert rows["pose_barrier"] == ["float32", "7"] and rows["depth_agent2"] == ["float32", "240x320"]
+    assert rows.keys() == Contract(2, ("barrier",), state="full", depth=True).entries.keys()
 
 
 # The distribution of its own: the same files, with NumPy, msgpack and websockets alone.

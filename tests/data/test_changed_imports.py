@@ -4,6 +4,7 @@ What it says is read once more here, without the importer. A change of each kind
 """
 
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,11 +22,11 @@ from rf_exp.data.release import within_limits
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import flaws
 from rf_exp.types import Episode
-from tests.data.release_files import OURS, lightning, made, raw, zarr_arm
+from tests.data.release_files import OURS, lightning, made, raw, zarr_arm, zarr_joint
 
 EPISODES = [made(seed, 3) for seed in (1, 2)]
-EACH = 30  # seeds of a kind of change in a kind of file
-KINDS = ("raw", "zarr", "lightning")
+EACH = 23  # seeds of a kind of change in a kind of file: 368 in all
+KINDS = ("raw", "zarr", "joint", "lightning")
 VALUES: tuple[Any, ...] = (None, -1, 0, 7, 1e300, "x", [], {}, [3], True, [10**30, 8], "|O", "<c16")
 pytestmark = pytest.mark.slow
 Change = Callable[[Path, np.random.Generator], object]
@@ -36,6 +37,8 @@ def make(kind: str, folder: Path) -> Path:
     if kind == "raw":
         return raw(folder / "x.h5", EPISODES, depth=True)
     folder.mkdir()
+    if kind == "joint":
+        return zarr_joint(folder / "x.zarr", EPISODES)
     return lightning(folder / "x.h5", EPISODES) if kind == "lightning" else zarr_arm(folder, EPISODES, 0)
 
 
@@ -142,7 +145,7 @@ def retyped(values: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
 def change_array(path: Path, rng: np.random.Generator, of: Callable[..., NDArray[Any]]) -> None:
     if path.is_dir():
         group: Any = zarr.open_group(path, mode="r+", zarr_format=2)
-        names = ["data/action", "data/state", "data/head_camera", "meta/episode_ends"]
+        names = sorted(f"{each.parent.name}/{each.name}" for each in path.glob("*/*") if each.is_dir())
         name = names[rng.integers(len(names))]
         values = of(group[name][:], rng)
         shutil.rmtree(path / name)
@@ -260,6 +263,20 @@ def check_zarr(path: Path, source: Source, episodes: list[Episode]) -> None:
     check_flat([read("data/action")], read("meta/episode_ends"), frames, source, episodes)
 
 
+def check_joint(path: Path, source: Source, episodes: list[Episode]) -> None:
+    def read(name: str) -> Any:
+        return zarr.open_array(path / name, mode="r", zarr_format=2)
+
+    frames = {}
+    for each in sorted((path / "data").glob("head_camera*")):
+        number = each.name.removeprefix("head_camera_")
+        camera = f"agent{int(number) + 1}" if number.isdecimal() else number
+        frames[camera if number in ("0", "1", "global") else each.name] = read(f"data/{each.name}")
+    lost = [frames.pop(camera) for camera in {*frames} - {*source.contents.cameras}]
+    assert not lost or any("left out" in note for note in source.contents.notes)
+    check_flat([read("data/action")], read("meta/episode_ends"), frames, source, episodes)
+
+
 def check_lightning(path: Path, source: Source, episodes: list[Episode]) -> None:
     with h5py.File(path) as file:
         data: Any = file
@@ -279,7 +296,7 @@ def cameras_of(data: Any) -> Iterator[tuple[str, str]]:
             yield (f"agent{int(number) + 1}" if number.isdecimal() else name), name
 
 
-CHECKS = {"raw": check_raw, "zarr": check_zarr, "lightning": check_lightning}
+CHECKS = {"raw": check_raw, "zarr": check_zarr, "joint": check_joint, "lightning": check_lightning}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -306,3 +323,17 @@ def test_what_was_changed_is_refused_or_read_as_it_is(tmp_path: Path, kind: str,
         assert not [what for what in wrong if "finite" in what]
         CHECKS[kind](path, source, episodes)
     assert 0 < refused < EACH or change in ("shapes", "dtypes", "keys")
+
+
+@pytest.mark.parametrize("bytes_kept", [8, 3000])
+def test_a_file_that_was_cut_is_refused_whatever_lies_behind_it_in_memory(
+    tmp_path: Path, bytes_kept: int
+) -> None:
+    """Blosc would read on there, and now and then find what it looks for."""
+    path = zarr_arm(tmp_path, EPISODES, 0)
+    file = path / "data/head_camera/0.0.0.0"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:bytes_kept])
+    told = f"data/head_camera: the file data/head_camera/0.0.0.0 has {bytes_kept} bytes, and says"
+    with pytest.raises(StageError, match=re.escape(told)):
+        opened([path], "lift_barrier")

@@ -36,6 +36,7 @@ from rf_exp.errors import ArgumentError
 FORM = "a Zarr 2 replay buffer of Diffusion Policy"
 SAFE = ("blosc", "zstd", "zlib", "gzip", "lz4", "bz2", "lzma")  # that decode to bytes, and run nothing
 MOST_FILES = 1_000_000  # of an array
+BLOSC_HEADER = 16  # bytes, of which the last four are the length of the file
 
 _AGENT = re.compile(r"(.+-rf)_Agent(\d{1,2})_(\d+)\.zarr")
 _CAMERA = re.compile(r"cam|img|image|rgb")  # in the name of an array
@@ -150,11 +151,24 @@ def _array(path: Path, name: str, row: tuple[int | None, ...], kinds: str) -> za
     for place in np.ndindex(*grid):
         file = path / name / separator.join(map(str, place))
         expect(file.is_file(), path, f"{name}: the file {file.relative_to(path)} is missing")
+        if isinstance(codec := said.get("compressor"), dict) and codec.get("id") == "blosc":
+            _check_length(path, name, file)
     with reads(path, name):
         found = zarr.open_array(path / name, mode="r", zarr_format=2)
         same = found.shape == tuple(shape) and found.dtype == np.dtype(said["dtype"])
     expect(same, path, f"{name} is described in two ways")
     return found
+
+
+def _check_length(path: Path, name: str, file: Path) -> None:
+    """Raises StageError for a file of Blosc that is cut, or longer than it says of itself.
+
+    Its decoder believes the header, and reads on in whatever lies behind the bytes that there are.
+    """
+    with reads(path, name), file.open("rb") as opened:
+        header, size = opened.read(BLOSC_HEADER), file.stat().st_size
+    said = int.from_bytes(header[-4:], "little") if len(header) == BLOSC_HEADER else None
+    expect(said == size, path, f"{name}: the file {file.relative_to(path)} has {size} bytes, and says {said}")
 
 
 def _described(path: Path, name: str) -> dict[str, Any]:
