@@ -67,9 +67,10 @@ fi
 pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
 
 # Installs, and repeats what pip says but for its notes about places where it did not find a package.
+# Modules are compiled as they are imported: of seven million lines most never are, and pip takes a minute for all.
 install() {
     local failed=""
-    pip install -q --progress-bar off "$@" >.venv/pip.log 2>&1 || failed=yes
+    pip install -q --no-compile --progress-bar off "$@" >.venv/pip.log 2>&1 || failed=yes
     grep -vE "^WARNING: Location '.*' is ignored|^WARNING: Running pip as the 'root' user" .venv/pip.log >&2 || true
     [ -z "$failed" ] || fail "pip could not install $*" "all that it said is in .venv/pip.log"
 }

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,10 +41,14 @@ def read_task(name: str) -> Task:
 
 def experiment(*overrides: str) -> Experiment:
     """What a command with these overrides runs; its recipe, which Hydra names, is `test`."""
+    return read_experiment(deepcopy(_composed(overrides)))
+
+
+@cache
+def _composed(overrides: tuple[str, ...]) -> Any:
     register_all_tasks()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        node: Any = OmegaConf.to_container(compose("config", ["recipe=test", *overrides]), resolve=True)
-    return read_experiment(node)
+        return OmegaConf.to_container(compose("config", ["recipe=test", *overrides]), resolve=True)
 
 
 def cell_of(one: Experiment) -> "Cell":
