@@ -14,6 +14,8 @@ from rf_exp.sim import Simulator
 from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import TASKS, read_task
 
+IN_TURN = ("long_pipeline_delivery", "pass_shoe", "three_robots_stack_cube")  # without delays as well
+
 
 class Scenes(NullObserver):
     """Keeps the scenes before each step."""
@@ -28,8 +30,10 @@ class Scenes(NullObserver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TASKS)
-@pytest.mark.parametrize(("delay_s", "alike"), [(0.0, 0.87), (1.0, 0.85)])
+@pytest.mark.parametrize(
+    ("name", "delay_s", "alike"),
+    [(name, 1.0, 0.85) for name in TASKS] + [(name, 0.0, 0.87) for name in IN_TURN],
+)
 def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float) -> None:
     """Of disturbed episodes, at nearly all moments; and nobody is told to wait for ever.
 
