@@ -14,7 +14,8 @@ from rf_exp.command import guarded
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen import Planned, Settings
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
-from rf_exp.demonstration.__main__ import demonstrate, main
+from rf_exp.demonstration import demonstrate
+from rf_exp.demonstration.__main__ import main
 from rf_exp.demonstration.notes import phases
 from rf_exp.statements import Proposal
 from rf_exp.types import NO_PICTURES, ConstraintSet, Schedule

@@ -14,8 +14,8 @@ from rf_exp.command import guarded
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import StageError
-from rf_exp.gallery import __main__ as gallery
-from rf_exp.gallery import perform, play
+from rf_exp.gallery import perform, play, sheets
+from rf_exp.gallery.__main__ import main
 from rf_exp.gallery.draw import EVERY, REST_FRAMES
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
@@ -25,15 +25,15 @@ from rf_exp.types import ConstraintSet
 @pytest.fixture
 def command(monkeypatch, capsys):
     """The command in this process, with small pictures: exit code, standard output, standard error."""
-    monkeypatch.setattr(gallery, "WIDTH_PX", 160)
-    monkeypatch.setattr(gallery, "HEIGHT_PX", 120)
-    monkeypatch.setattr(gallery, "TRIES", 2)
+    monkeypatch.setattr(sheets, "WIDTH_PX", 160)
+    monkeypatch.setattr(sheets, "HEIGHT_PX", 120)
+    monkeypatch.setattr(sheets, "TRIES", 2)
 
     def call(*arguments: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "argv", ["rf_exp.gallery", *arguments])
         GlobalHydra.instance().clear()
         capsys.readouterr()
-        code = guarded(gallery.main)
+        code = guarded(main)
         return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
 
     return call

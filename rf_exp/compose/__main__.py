@@ -18,12 +18,11 @@ from typing import Any
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from rf_exp import datagen, laws
 from rf_exp.command import guarded
 from rf_exp.compose.composing import compose, loaded, written
-from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError, StageError, choices
-from rf_exp.laws import judged
 from rf_exp.progress import console
 from rf_exp.tasks import Task
 from rf_exp.types import NO_PICTURES, ConstraintSet
@@ -87,17 +86,17 @@ def _read(text: str, keys: list[str]) -> dict[str, Any]:
 
 def _laws(task: Task) -> int:
     broken = 0
-    for law, found in judged(task):
+    for law, found in laws.judged(task):
         broken += bool(found)
         console.print(f"{law.says}: {'holds' if not found else '; '.join(found)}")
     return broken
 
 
 def _expert(task: Task, episodes: int) -> int:
-    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+    settings = datagen.Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     failed = 0
     for seed in range(episodes):
-        outcome = make_episode(settings, NO_PICTURES, seed)
+        outcome = datagen.make_episode(settings, NO_PICTURES, seed)
         failed += not outcome.success
         how = f"success in {outcome.steps} steps" if outcome.success else f"failed: {outcome.reason}"
         console.print(f"seed {seed}: {how}, {outcome.contacts} contacts")

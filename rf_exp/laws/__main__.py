@@ -12,10 +12,10 @@ import sys
 
 from omegaconf import DictConfig
 
+from rf_exp import laws
 from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.errors import StageError
 from rf_exp.experiment import read_experiment
-from rf_exp.laws import judged
 from rf_exp.progress import console
 
 register_all_tasks()
@@ -27,7 +27,7 @@ def main(config: DictConfig) -> None:
     experiment = read_experiment(settled(config))
     broken = 0
     for task in experiment.tasks:
-        for law, found in judged(task, pictures=experiment.pictures.render):
+        for law, found in laws.judged(task, pictures=experiment.pictures.render):
             broken += bool(found)
             console.print(f"{task.name}: {law.says}: {'holds' if not found else '; '.join(found)}")
     if broken:

@@ -9,7 +9,7 @@ from rf_exp.ablation import configured
 from rf_exp.ablation.report import margins
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.demonstration.__main__ import demonstrate
+from rf_exp.demonstration import demonstrate
 from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.ablation.conftest import write_report
 from tests.conftest import read_task

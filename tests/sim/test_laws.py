@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rf_exp import laws
 from rf_exp.laws import LAWS, Law
+from rf_exp.laws import suite as laws
 from rf_exp.sim import Simulator
 from rf_exp.statements import Proposal
 from rf_exp.tasks import CameraSpec, RobotSpec, Task

@@ -1,0 +1,315 @@
+"""The laws of the suite: what has to hold of every task in simulation, and where it is broken."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings, Unreachable, allocated
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.errors import ArgumentError
+from rf_exp.gallery import play
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, nearest
+from rf_exp.sim import Limited, Simulator
+from rf_exp.tasks import SuccessEvaluator, Task
+from rf_exp.transforms import from_axes
+from rf_exp.types import ANYBODY, ConstraintSet, Scene
+
+WIDTH_PX, HEIGHT_PX = 320, 240  # of pictures that laws are about
+RESTING_M = 5e-4  # by so much things that lie on one another may overlap at the start
+STILL_STEPS, STILL_M_S, STILL_M = 40, 2e-3, 5e-4
+RANDOM_EPISODES, RANDOM_STEPS = 10, 40
+APPROACHES = 5  # of an episode: to build a scene costs as much as all steps of one
+FEWEST_TOUCHES = 20  # of all approaches, in which something was moved; with less, they prove nothing
+NEAR_M = 0.03  # of the things that random actions go for
+FLIGHT_STEPS, HIGH_M = 30, 0.04
+THROWS_M_S = ((0.0, 0.0, 2.5), (0.6, 0.6, 1.5), (-0.6, 0.4, 1.5), (0.3, -0.8, 2.0))
+THING_PX, ARM_PX, TABLE_PX = 30, 800, 10_000  # seen at least at the start, of 320 x 240
+DIFFERENT_LEVELS = 5  # of 255, between two views,
+OTHER_BODIES = 0.5  # or in so many of the pixels in which one sees more than the table they see other bodies
+GRIPPER_PX, OBJECT_PX = 150, 40  # seen at least by an agent that works
+
+Broken = Iterator[str]
+
+
+@dataclass(frozen=True)
+class Law:
+    """What has to hold of a task in simulation: the sentence, and what tells where it is broken."""
+
+    says: str
+    broken: Callable[[Simulator], Broken]
+    pictures: bool = False
+
+    def __str__(self) -> str:
+        return self.broken.__name__
+
+
+def starts_differ(world: Simulator) -> Broken:
+    task = world.task
+    starts = [task.start(seed) for seed in range(100)]
+
+    def different(values: list[NDArray[np.float64] | float]) -> int:
+        return len({np.asarray(value).round(9).tobytes() for value in values})
+
+    drawn: dict[str, list[NDArray[np.float64] | float]] = {
+        "places of objects": [np.stack(list(start.poses.values())) for start in starts],
+        "light": [start.light for start in starts],
+    }
+    for agent in task.agents:
+        drawn[f"posture of agent {agent}"] = [start.qpos[agent - 1, :-2] for start in starts]
+    for name in task.objects:
+        drawn[f"colour of {name}"] = [start.tints[name] for start in starts]
+    for what, values in drawn.items():
+        if (count := different(values)) < len(starts):
+            yield f"{what}: {count} of {len(starts)}"
+
+
+def nothing_stands_in_anything(world: Simulator) -> Broken:
+    task = world.task
+    for seed in range(50):
+        scene = task.start(seed).scene
+        planning_scene = PlanningScene(task, scene)
+        things = {name: _solid(planning_scene, name) for name in task.objects if task.asset(name).hulls}
+        for (one, a), (other, b) in combinations(things.items(), 2):
+            if (gap_m := _distance_m(a, b)) <= -RESTING_M:
+                yield f"seed {seed}: {one} and {other} overlap by {-1000 * gap_m:.1f} mm"
+        for name in things:
+            if (low_m := float(task.asset(name).vertices(scene.poses[name])[:, 2].min())) <= -RESTING_M:
+                yield f"seed {seed}: {name} is {-1000 * low_m:.1f} mm in the table"
+        for agent in task.agents:
+            arm = planning_scene.arm(agent, scene.qpos[agent - 1])
+            for name, thing in things.items():
+                if (gap_m := _distance_m(arm, thing)) <= OBJECT_MARGIN_M:
+                    yield f"seed {seed}: agent {agent} is {1000 * gap_m:.1f} mm from {name}"
+        for a, b in combinations(task.agents, 2):
+            if (gap_m := planning_scene.between(a, b).distance_m) <= AGENT_MARGIN_M:
+                yield f"seed {seed}: agents {a} and {b} are {1000 * gap_m:.1f} mm apart"
+
+
+def _solid(planning_scene: PlanningScene, name: str) -> Swept:
+    """An object that may touch nothing, unlike one that lies on another."""
+    return replace(planning_scene.standing([name]), objects=frozenset())
+
+
+def _distance_m(a: Swept, b: Swept) -> float:
+    found = nearest(a, b)
+    return np.inf if found is None else found.distance_m
+
+
+def nothing_moves_by_itself(world: Simulator) -> Broken:
+    for seed in range(3):
+        start, hold = world.reset(seed), world.command
+        for _ in range(STILL_STEPS):
+            scene = world.step(hold)
+            for name, speed_m_s in scene.speeds.items():
+                if speed_m_s >= STILL_M_S:
+                    yield f"seed {seed}, step {scene.step}: {name} moves at {1000 * speed_m_s:.1f} mm/s"
+                    return
+            if any(scene.held) or scene.arm_contacts:
+                yield f"seed {seed}, step {scene.step}: an arm holds or touches something"
+                return
+        for name, pose in start.poses.items():
+            if (off_m := float(np.abs(scene.poses[name] - pose).max())) > STILL_M:
+                yield f"seed {seed}: {name} is {1000 * off_m:.1f} mm off after {STILL_STEPS} steps"
+
+
+def plans_name_what_exists(world: Simulator) -> Broken:
+    task = world.task
+    scene = task.start(3).scene
+    proposal, places = task.module.plan(scene, task), task.places(scene)
+    for subgoal in proposal.subgoals:
+        if subgoal.agent not in (*task.agents, ANYBODY):
+            yield f"{subgoal.text}: there is no agent {subgoal.agent}"
+        elif subgoal.object is not None and subgoal.object not in task.objects:
+            yield f"{subgoal.text}: there is no object {subgoal.object}"
+        elif subgoal.point is not None and subgoal.point not in task.asset(subgoal.object or "").points:
+            yield f"{subgoal.text}: there is no point {subgoal.point}"
+        elif subgoal.target is not None and subgoal.target not in {*task.objects, *places}:
+            yield f"{subgoal.text}: there is neither an object nor a place {subgoal.target}"
+    try:
+        limits = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).limits
+        RoboChecker(task, allocated(proposal, task, scene, limits), ConstraintSet("full"))
+    except (ArgumentError, Unreachable) as error:
+        yield str(error)
+
+
+def nothing_has_succeeded_at_the_start(world: Simulator) -> Broken:
+    for seed in range(20):
+        scene = world.reset(seed)
+        verdict = SuccessEvaluator(world.task, scene)(scene)
+        if verdict.success or verdict.success_paper or all(verdict.evidence.values()):
+            yield f"seed {seed} is a success already"
+
+
+def random_actions_never_succeed(world: Simulator) -> Broken:
+    moved = 0
+    for seed in range(RANDOM_EPISODES):
+        rng = np.random.default_rng(seed)
+        scene = world.reset(seed)
+        judge, action = SuccessEvaluator(world.task, scene), world.command
+        for _ in range(APPROACHES):
+            before, reach = scene, _towards_things(world.task, scene, rng) / RANDOM_STEPS
+            for step in range(RANDOM_STEPS):
+                action[:, :-1] += reach + rng.normal(0.0, 0.015, reach.shape)
+                if step % 10 == 0:
+                    action[:, -1] = rng.choice([-1.0, 1.0], len(action))
+                scene = world.step(action)
+                verdict = judge(scene)
+                if verdict.success or verdict.success_paper:
+                    yield f"seed {seed}, step {scene.step}: random actions succeed"
+                    return
+            moved += any(np.abs(scene.poses[name] - pose).max() > 2e-3 for name, pose in before.poses.items())
+    if loose(world.task) and moved < FEWEST_TOUCHES:
+        yield f"random actions move something in {moved} of {RANDOM_EPISODES * APPROACHES} approaches alone"
+
+
+def _towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(N, dof) rad: each arm goes for a place near a thing, from above; where it cannot reach, anywhere."""
+    change = rng.normal(0.0, 0.3, (len(task.robots), task.dof))
+    for row, (agent, arm) in enumerate(task.arms.items()):
+        things = loose(task) or list(task.objects)
+        place_m = scene.poses[rng.choice(things)][:3, 3] + rng.normal(0.0, NEAR_M, 3)
+        turn = rng.uniform(0.0, np.pi)
+        pose = from_axes(place_m, z=(0, 0, -1), y=(np.cos(turn), np.sin(turn), 0))
+        now = arm.joints(scene.qpos[agent - 1])
+        qpos = arm.solve(pose, now)
+        if qpos is not None:
+            change[row, : len(now)] = qpos - now
+    return change
+
+
+def loose(task: Task) -> list[str]:
+    """The objects that can be moved at all."""
+    return [name for name in task.objects if not (task.asset(name).static or task.asset(name).ghost)]
+
+
+def flung_things_never_succeed(world: Simulator) -> Broken:
+    thrown = loose(world.task)
+    for throw_m_s in THROWS_M_S:
+        for names in filter(None, dict.fromkeys([*((name,) for name in thrown), tuple(thrown)])):
+            start = scene = world.reset(0)
+            judge, hold = SuccessEvaluator(world.task, start), world.command
+            for name in names:
+                world.fling(name, throw_m_s)
+            highest_m = 0.0
+            for step in range(FLIGHT_STEPS):
+                scene = world.step(hold)
+                risen_m = max(scene.poses[name][2, 3] - start.poses[name][2, 3] for name in names)
+                highest_m = max(highest_m, float(risen_m))
+                if judge(scene).success:
+                    yield f"{', '.join(names)} flung at {throw_m_s} m/s: a success at step {step}"
+                    break
+            hung = all(world.task.asset(name).hinge is not None for name in names)
+            if highest_m <= HIGH_M and not hung:
+                yield f"{', '.join(names)} flung at {throw_m_s} m/s: does not fly"
+
+
+def every_view_is_its_own(world: Simulator) -> Broken:
+    world.reset(0)
+    pictures = world.images()
+    for name, picture in pictures.items():
+        if picture.std() <= 20:
+            yield f"{name} sees next to nothing"
+    seen, table = world.segmentation(), world.bodies()["table"]
+    for (one, a), (other, b) in combinations(pictures.items(), 2):
+        things = ~(np.isin(seen[one], table) & np.isin(seen[other], table))
+        others = (seen[one] != seen[other])[things]
+        # Arms in a circle see alike, each its own things.
+        if np.abs(a.astype(int) - b).mean() <= DIFFERENT_LEVELS and others.mean() <= OTHER_BODIES:
+            yield f"{one} and {other} see the same"
+
+
+def everything_is_seen_at_the_start(world: Simulator) -> Broken:
+    for seed in range(4):
+        world.reset(seed)
+        bodies = world.bodies()
+        pixels = {
+            camera: {name: int(np.isin(image, numbers).sum()) for name, numbers in bodies.items()}
+            for camera, image in world.segmentation().items()
+        }
+        least = {("global", name): THING_PX for name in world.task.objects}
+        for k in world.task.agents:
+            least |= {("global", f"agent{k}"): ARM_PX, (f"agent{k}", f"agent{k}"): ARM_PX}
+        least |= {(camera, "table"): TABLE_PX for camera in pixels}
+        for (camera, name), bound in least.items():
+            if pixels[camera][name] <= bound:
+                seen = pixels[camera][name]
+                yield f"seed {seed}: {camera} sees {seen} px of {name}; more than {bound} are asked"
+
+
+class _Moments(NullObserver):
+    """Notes when each agent has just closed its fingers, presses, strikes, or is about to shut or let go."""
+
+    def __init__(self) -> None:
+        self.actions: list[NDArray[np.float64]] = []
+        self.found: dict[int, set[tuple[int, str]]] = {}  # step -> agents at work, each with its object
+
+    def planned(self, plan: Planned) -> None:
+        for trajectory in plan.trajectories:
+            positions = plan.schedule.positions[:, trajectory.agent - 1]
+            for segment, begin, end in trajectory.intervals:
+                works = {"close": end, "press": end, "strike": end, "shut": begin, "open": begin}
+                at = works.get(segment.primitive)
+                if at is not None and segment.subgoal.object is not None:
+                    step = len(self.actions) + int(np.searchsorted(positions, at))
+                    self.found.setdefault(step, set()).add((trajectory.agent, segment.subgoal.object))
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        self.actions.append(action)
+
+
+def agents_see_their_work(world: Simulator) -> Broken:
+    task = world.task
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+    for seed in range(5):
+        moments = _Moments()
+        maker = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), moments)
+        if maker.make(seed).success:
+            break
+    else:
+        yield "the expert succeeds in none of five seeds"
+        return
+    actions = np.stack(moments.actions)
+    reached = {step for step in moments.found if step <= len(actions)}
+    if idle := set(task.agents) - {agent for step in reached for agent, _ in moments.found[step]}:
+        yield f"the expert leaves agents {sorted(idle)} without work"
+    for step, _ in play(world, seed, actions, reached):
+        images, bodies = world.segmentation(), world.bodies()
+        for k, name in sorted(moments.found[step]):
+            image, fingers = images[f"agent{k}"], world.gripper(k)
+            gripper, thing = (int(np.isin(image, ids).sum()) for ids in (fingers, bodies[name]))
+            if gripper < GRIPPER_PX or thing < OBJECT_PX:
+                yield f"step {step}: agent {k} sees {gripper} px of its gripper and {thing} px of {name}"
+
+
+LAWS = (
+    Law("a hundred seeds give a hundred different starts", starts_differ),
+    Law("nothing stands in anything else at the start, and arms keep apart", nothing_stands_in_anything),
+    Law("nothing moves by itself", nothing_moves_by_itself),
+    Law("the plan names only what exists, and every constraint is understood", plans_name_what_exists),
+    Law("no start is a success already", nothing_has_succeeded_at_the_start),
+    Law("random actions never succeed", random_actions_never_succeed),
+    Law("things that are flung never succeed", flung_things_never_succeed),
+    Law("every camera has a view of its own", every_view_is_its_own, pictures=True),
+    Law(
+        "the global camera sees everything, each agent's its arm",
+        everything_is_seen_at_the_start,
+        pictures=True,
+    ),
+    Law(
+        "each agent sees its gripper and its object whenever it matters", agents_see_their_work, pictures=True
+    ),
+)
+
+
+def judged(task: Task, *, pictures: bool = True) -> Iterator[tuple[Law, list[str]]]:
+    """Each law, without `pictures` but those of pictures, and where a task breaks it; nowhere: it holds."""
+    for law in LAWS:
+        if pictures or not law.pictures:
+            with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
+                yield law, list(law.broken(world))
