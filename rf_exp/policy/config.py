@@ -240,6 +240,8 @@ class PolicyConfig(Checked):
     phase_dropout: float = bounded(least=0, below=1)
     # On normalised joint positions in training, one draw a window.
     proprio_noise: float = bounded(1e3, least=0)
+    # Standard deviation of another start of each joint, see `rf_exp.policy.examples.starts`.
+    start_offset_rad: float = bounded(1.0, least=0)
     # Side, as a part of the picture's.
     crop: float = bounded(1, above=0, expected="a number above 0, at most 1")
     height: int = bounded(LARGEST_PX, above=0)  # pixels
@@ -249,6 +251,8 @@ class PolicyConfig(Checked):
         for name in ("phases", "task_space_actions"):
             needs = self.context or not getattr(self, name)
             require(needs, "context", self.context, f"true with {name}")
+        seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
+        require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
         self.encoder.check_in(self)
         self.head.check_in(self)
         longest = self.horizon - self.observation_steps + 1

@@ -63,13 +63,10 @@ def keypoints(
         hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
         world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
         footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
-        fingers = (footprint_from_world @ hands)[..., :2, 1]  # the axis along which they move
-        heading = np.arctan2(fingers[..., 1], fingers[..., 0])
-        turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
         seen = [_placed(_project(world, c), k, len(cameras)) for k, c in enumerate(cameras)]
         pixels.append(np.concatenate(seen, axis=1))
         points.append(apply(footprint_from_world, world).astype(np.float32))
-        headings.append(np.moveaxis(turns, 0, -1).astype(np.float32))
+        headings.append(_turns(footprint_from_world @ hands).astype(np.float32))
         rays.append(np.repeat(rays_of(calibration, stream)[None], len(qpos), axis=0))
     of_cameras = 1, len(stream.cameras), 1
     return Keypoints(
@@ -78,6 +75,22 @@ def keypoints(
         np.tile(np.concatenate(headings)[kept], of_cameras),
         np.concatenate(rays)[kept],
     )
+
+
+def shape_of_hand(footprint_from_tcp: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Of poses (..., 4, 4): the TCP, in m, the other points of HAND as seen from it, and the heading."""
+    points = placed(footprint_from_tcp, np.array(HAND))
+    points[..., 1:, :] -= points[..., :1, :]
+    flat = points.reshape(*points.shape[:-2], -1)
+    return np.concatenate([flat, _turns(footprint_from_tcp)], axis=-1)
+
+
+def _turns(footprint_from_tcp: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Poses (..., 4, 4) -> (..., HEADING)."""
+    fingers = footprint_from_tcp[..., :2, 1]  # the axis along which they move
+    heading = np.arctan2(fingers[..., 1], fingers[..., 0])
+    turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
+    return np.moveaxis(turns, 0, -1)
 
 
 def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.float32]:

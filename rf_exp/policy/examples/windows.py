@@ -10,7 +10,7 @@ batch serve several windows; each window comes exactly once in an epoch all the 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,11 +21,14 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.examples.keypoints import keypoints
+from rf_exp.policy.examples.keypoints import keypoints, shape_of_hand
+from rf_exp.policy.examples.starts import Starts
 from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, phases
 from rf_exp.policy.inputs.observation_spec import (
+    POSE,
     ObservationSpec,
     context,
+    flat_pose,
     of_agent,
     others,
     proprioception,
@@ -146,6 +149,8 @@ class Batch:
     context: Tensor  # (B, O, C) raw
     action: Tensor  # (B, T, A) raw
     features: Tensor | None = None  # (B, O, F) of the pictures, where they have been encoded already
+    # (B, O, n, 3 * P + HEADING) by which points (m) and headings of the own hands differ from what is seen.
+    hands: Tensor | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -220,6 +225,7 @@ class Windows:
             _Meant(np.concatenate([late[:, agents[row]] for agents in columns]))
             for row in range(len(columns[0]))
         ]
+        self._starts = Starts(store, view, spec, kept) if config.start_offset_rad else None
         self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
     def __len__(self) -> int:
@@ -241,9 +247,7 @@ class Windows:
 
     def _actions(self, windows: NDArray[np.int64]) -> Tensor:
         """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
-        first, last = self._first[windows, None], self._last[windows, None]
-        ahead = windows[:, None] + np.arange(self._config.horizon) - (self._config.observation_steps - 1)
-        found = [self.action[self._index(each.rows(ahead, first, last))] for each in self._meant]
+        found = [self.action[self._index(steps)] for steps in self._ahead(windows)]
         if len(found) == 1:
             return found[0]
         commands = len(found) * ACTION_SIZE
@@ -252,6 +256,12 @@ class Windows:
         for part in zip(*parts, strict=True):
             joined += [each.chunk(len(found), dim=2)[row] for row, each in enumerate(part)]
         return torch.cat(joined, dim=2)
+
+    def _ahead(self, windows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """Of each own agent the steps (B, T) whose actions windows (B,) have."""
+        first, last = self._first[windows, None], self._last[windows, None]
+        ahead = windows[:, None] + np.arange(self._config.horizon) - (self._config.observation_steps - 1)
+        return [each.rows(ahead, first, last) for each in self._meant]
 
     def batches(self, batch_size: int) -> int:
         """Number of batches of an epoch."""
@@ -290,7 +300,7 @@ class Windows:
             if rng is not None:
                 corners = rng.integers(0, slack + 1, size=corners.shape)
             seen = crop(seen, unique, corners[run_of_frame], size)
-        return Batch(
+        batch = Batch(
             seen,
             rays,
             self._index(inverse.reshape(frames.shape)),
@@ -299,6 +309,39 @@ class Windows:
             self._actions(windows),
             features,
         )
+        if self._starts is None or rng is None:
+            return batch
+        return self._started(self._starts, batch, frames, windows, rng)
+
+    def _started(
+        self,
+        starts: Starts,
+        batch: Batch,
+        frames: NDArray[np.int64],
+        windows: NDArray[np.int64],
+        rng: np.random.Generator,
+    ) -> Batch:
+        """The batch as if its arms had started elsewhere: one draw for a window and an own agent."""
+        agents = len(self._meant)
+        proprio, context, action = batch.proprio.clone(), batch.context.clone(), batch.action.clone()
+        hands = []
+        for row, ahead in enumerate(self._ahead(windows)):
+            offset = self._config.start_offset_rad * rng.standard_normal((len(windows), ARM_JOINTS))
+            own = proprio[..., row * PROPRIO_SIZE :][..., :ARM_JOINTS]
+            joints = own.double().cpu().numpy()
+            _, seen = starts.moved(joints, frames, 0 * offset, row)
+            joints, pose = starts.moved(joints, frames, offset, row)
+            own.copy_(torch.from_numpy(joints))
+            of_agent(context, row)[0].copy_(torch.from_numpy(flat_pose(pose)))
+            hands.append(torch.from_numpy(shape_of_hand(pose) - shape_of_hand(seen)).to(proprio))
+            own = action[..., row * ACTION_SIZE :][..., :ARM_JOINTS]
+            joints, pose = starts.moved(own.double().cpu().numpy(), ahead, offset, row)
+            own.copy_(torch.from_numpy(joints))
+            if self._config.task_space_actions:
+                own = action[..., agents * ACTION_SIZE + row * POSE :][..., :POSE]
+                own.copy_(torch.from_numpy(flat_pose(pose)))
+        hands = torch.stack(hands, dim=2)
+        return replace(batch, proprio=proprio, context=context, action=action, hands=hands)
 
     def sample_active(
         self, windows: NDArray[np.int64], part: float, rng: np.random.Generator

@@ -232,7 +232,7 @@ def context(
     footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
 
     def hand_of(agent: int) -> NDArray[np.floating]:
-        return _flat(footprint_from_world @ world_from_tcp(spec, bases, agent, qpos))
+        return flat_pose(footprint_from_world @ world_from_tcp(spec, bases, agent, qpos))
 
     hands = [hand_of(agent) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
@@ -240,7 +240,7 @@ def context(
     if spec.objects:
         for agent in others(spec, stream):
             parts += [proprioception(qpos[..., agent - 1 : agent, :]), hand_of(agent)]
-        things = [_flat(footprint_from_world @ poses[name]) for name in spec.objects]
+        things = [flat_pose(footprint_from_world @ poses[name]) for name in spec.objects]
         parts += [*things, *(near(thing[..., :3] - hand[..., :3]) for hand in hands for thing in things)]
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
@@ -259,7 +259,7 @@ def tcp_poses(
     spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
 ) -> NDArray[np.floating]:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
-    return _flat(footprint_from_tcps(spec, bases, stream, joints))
+    return flat_pose(footprint_from_tcps(spec, bases, stream, joints))
 
 
 def footprint_from_tcps(
@@ -291,7 +291,7 @@ def world_from_tcp(
     return bases[agent - 1] @ spec.robot(agent).tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
-def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:
+def flat_pose(poses: NDArray[np.floating]) -> NDArray[np.floating]:
     """(..., 4, 4) -> (..., POSE)."""
     axes = poses[..., :3, :2].swapaxes(-1, -2).reshape(*poses.shape[:-2], 6)
     return np.concatenate([poses[..., :3, 3], axes], axis=-1)

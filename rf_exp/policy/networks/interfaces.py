@@ -80,6 +80,10 @@ class Encoder(nn.Module):
         """Features (B, O, F) as the head learns from them."""
         return features
 
+    def moved(self, features: Tensor, hands: Tensor) -> Tensor:
+        """Features (B, O, F) where own hands (B, O, n, 3 * P + HEADING) are elsewhere than they are seen."""
+        return features
+
     def conditioning(self, features: Tensor, context: Tensor) -> Tensor:
         """What the head is given (B, O, size) of features (B, O, F), where the context is (B, O, C)."""
         return features

@@ -320,6 +320,11 @@ class KeypointEncoder(Encoder):
         shift = self._config.noise * functional.pad(shift, (0, OUT - PLACED)).flatten(2)
         return features + functional.pad(shift, (0, features.shape[2] - shift.shape[2]))
 
+    def moved(self, features: Tensor, hands: Tensor) -> Tensor:
+        before = self._agents * (self._keyframes + 1) * OUT
+        change = functional.pad(hands, (0, 1)).flatten(2)  # how sure it is stays
+        return features + functional.pad(change, (before, features.shape[2] - before - change.shape[2]))
+
     def conditioning(self, features: Tensor, context: Tensor) -> Tensor:
         """What is seen, and where each own arm goes next, also from its TCP.
 

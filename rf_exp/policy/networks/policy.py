@@ -172,6 +172,8 @@ class Policy(nn.Module):
             features = proprio.new_zeros(*batch.frames.shape, 0)
             if self.encoder.features:
                 features = self.encode(batch.pictures, batch.rays)[batch.frames]
+        if batch.hands is not None:
+            features = self.encoder.moved(features, batch.hands)
         if noise := self.config.proprio_noise:
             # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
             # its own pose.
