@@ -14,7 +14,7 @@ from importlib import import_module
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
-from rf_exp.artifacts import read_values
+from rf_exp.artifacts import read_values, without
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, require, values
 from rf_exp.types import LARGEST_PX
@@ -24,6 +24,8 @@ LEARNER = 8
 MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
+# Keys that came after policies were released, at the values that change nothing, which stand in no identity.
+LATER: Mapping[str, Any] = {"start_offset_rad": 0.0}
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
@@ -264,7 +266,7 @@ class PolicyConfig(Checked):
         """A recipe, or what `learned` and `acted` said: later values win. Raises ArgumentError by key."""
         if wrong := [each for each in nodes if not isinstance(each, Mapping)]:
             raise ArgumentError(f"policy is {wrong[0]!r}; expected keys below it")
-        node = reduce(merged, nodes)
+        node = reduce(merged, nodes, LATER)
         parts = {kind: _read_part(kind, node.get(kind)) for kind in PARTS}
         return read_values(PolicyConfig, {**node, **parts}, "policy.")
 
@@ -284,7 +286,7 @@ class PolicyConfig(Checked):
         return self._values(True)
 
     def _values(self, acting: bool | None) -> dict[str, Any]:
-        found = values(self, acting)
+        found = without(values(self, acting), **LATER)
         for kind in PARTS:
             part, fields_of = getattr(self, kind), found.pop(kind, {})
             own = {key: value for key, value in fields_of.items() if not is_dataclass(getattr(part, key))}

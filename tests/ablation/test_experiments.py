@@ -1,5 +1,6 @@
 """conf/experiment: every file composes, selects what its table needs, and yields to the command line."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -60,7 +61,12 @@ def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
     """In what is learned, and then not in name alone; or in how the same policies act."""
     swept = composed("experiment=policy_ablation")["hydra"]["sweeper"]["params"]["policy"].split(",")
     chosen = [choice.strip() for choice in swept]
-    assert {*chosen[1:]} == {f"ablation/{path.stem}" for path in (CONF / "policy" / "ablation").iterdir()}
+    of_fast = {
+        f"ablation/{path.stem}"
+        for path in (CONF / "policy" / "ablation").iterdir()
+        if "defaults: [/policy/fast," in path.read_text()
+    }
+    assert {*chosen[1:]} == of_fast
     fast, *others = (experiment(f"recipe={each.rpartition('/')[2]}", f"policy={each}") for each in chosen)
     for other in others:
         differs = other.policy != fast.policy
@@ -68,6 +74,12 @@ def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
         learned = learned or other.training != fast.training or other.name != "fast"
         assert differs or learned
         assert other.learned_as == (other.recipe if learned else "fast")
+
+
+def test_fixed_starts_is_robust_without_one_of_its_steps() -> None:
+    robust, other = experiment("recipe=robust", "policy=robust"), experiment("policy=ablation/fixed_starts")
+    assert robust.policy != other.policy == replace(robust.policy, start_offset_rad=0.0)
+    assert (robust.training, robust.name) == (other.training, other.name)
 
 
 def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:

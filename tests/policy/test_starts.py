@@ -1,4 +1,4 @@
-"""Other starts of demonstrations: joints, hands and what is seen of them move together, and join the old way."""
+"""Other starts of demonstrations: joints, hands and what is seen of them move together."""
 
 import numpy as np
 import pytest
@@ -123,5 +123,5 @@ def test_only_the_own_hands_of_now_are_seen_elsewhere(make_store, elsewhere: Pol
 
 
 def test_pictures_cannot_be_moved(policy_config: PolicyConfig) -> None:
-    with pytest.raises(ArgumentError, match="start_offset_rad is 0.1; expected 0 but with encoder keypoints"):
+    with pytest.raises(ArgumentError, match=r"start_offset_rad is 0\.1; expected 0 but with encoder keypoints"):
         varied(policy_config, {"context": True, "start_offset_rad": 0.1})

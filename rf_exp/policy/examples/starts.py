@@ -1,8 +1,9 @@
 """Other starts of demonstrations: arms that stood otherwise and join the demonstrated motion on its way.
 
-There are as many starts as demonstrations, and an arm has seven joints. What a demonstration shows of the way to
-the first grasp says how to get there from postures about it as well: the joints of that way are moved by an
-offset, of which less is left the farther the arm has gone, and nothing where the approach to the grasp begins.
+There are as many starts as demonstrations, and an arm has seven joints. What a demonstration shows of the way
+to the first grasp says how to get there from postures about it as well: the joints of that way are moved by
+an offset, of which less is left the farther the arm has gone, and nothing where the approach to the grasp
+begins. In a straight line from another start the expert would have gone so.
 """
 
 from typing import TYPE_CHECKING
