@@ -5,10 +5,9 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import Policy, PolicyConfig, Windows, views
+from rf_exp.policy import Policy, PolicyConfig, Stream, Windows, views
 from rf_exp.policy.examples.keypoints import HAND, HEADING
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, of_agent, tcp_poses
-from rf_exp.policy.inputs.view import Stream
 from rf_exp.policy.networks.keypoint_encoder import OUT
 from rf_exp.store import Store
 from rf_exp.transforms import Matrix
@@ -123,5 +122,7 @@ def test_only_the_own_hands_of_now_are_seen_elsewhere(make_store, elsewhere: Pol
 
 
 def test_pictures_cannot_be_moved(policy_config: PolicyConfig) -> None:
-    with pytest.raises(ArgumentError, match=r"start_offset_rad is 0\.1; expected 0 but with encoder keypoints"):
+    with pytest.raises(
+        ArgumentError, match=r"start_offset_rad is 0\.1; expected 0 but with encoder keypoints"
+    ):
         varied(policy_config, {"context": True, "start_offset_rad": 0.1})

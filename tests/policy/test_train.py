@@ -371,7 +371,7 @@ def test_it_learns_to_go_where_the_block_lies(
     curves: list[Curve] = []
     # Nothing in these pictures tells where a crop was cut from, so they are seen whole.
     config = varied(policy_config, {"crop": 1.0, "head.diffusion.noise_draws": 4})
-    budget = small_training(steps=450, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
+    budget = small_training(steps=900, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
     train(make_store(1, 40), LOCAL, config, budget, tmp_path, curves.append)
     assert curves[-1].loss < 0.3 * curves[0].loss
 

@@ -77,7 +77,7 @@ def keypoints(
     )
 
 
-def shape_of_hand(footprint_from_tcp: NDArray[np.floating]) -> NDArray[np.floating]:
+def shape_of_hand(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of poses (..., 4, 4): the TCP, in m, the other points of HAND as seen from it, and the heading."""
     points = placed(footprint_from_tcp, np.array(HAND))
     points[..., 1:, :] -= points[..., :1, :]
@@ -85,7 +85,7 @@ def shape_of_hand(footprint_from_tcp: NDArray[np.floating]) -> NDArray[np.floati
     return np.concatenate([flat, _turns(footprint_from_tcp)], axis=-1)
 
 
-def _turns(footprint_from_tcp: NDArray[np.floating]) -> NDArray[np.floating]:
+def _turns(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
     """Poses (..., 4, 4) -> (..., HEADING)."""
     fingers = footprint_from_tcp[..., :2, 1]  # the axis along which they move
     heading = np.arctan2(fingers[..., 1], fingers[..., 0])

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 APPROACH_M = 0.1  # of the TCP from the first grasp; nearer to it the motion is as it was demonstrated
 
-Floats = NDArray[np.floating]
+Floats = NDArray[np.float64]
 
 
 class Starts:
@@ -69,7 +69,7 @@ class Starts:
         return found, self._footprint_from_base[steps, row] @ poses
 
 
-def _left(robot: Robot, action: Floats, apart_m: Floats) -> Floats:
+def _left(robot: Robot, action: NDArray[np.floating], apart_m: NDArray[np.floating]) -> Floats:
     """(T,) from 1 to 0 of the commands (T, 8) of an arm, whose fingers were so far apart (T,).
 
     As long as the arm stands it stays as it is.
