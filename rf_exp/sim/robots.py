@@ -12,7 +12,7 @@ from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPos
 from mani_skill.agents.registration import register_agent
 from mani_skill.utils.building.articulation_builder import ArticulationBuilder
 from mani_skill.utils.sapien_utils import apply_urdf_config, parse_urdf_config
-from mani_skill.utils.structs import Pose
+from mani_skill.utils.structs import Articulation, Pose
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
@@ -39,6 +39,8 @@ class Agent(BaseAgent):
     """Action: the joint targets of the arm in rad, then the gripper in [-1 closed, 1 open]."""
 
     model: Robot  # of each subclass
+    robot: Articulation  # loaded as ManiSkill makes an agent,
+    robot_link_names: list[str]  # and these
     _builder: ArticulationBuilder | None = None  # of each subclass, once one has been loaded
 
     @property
