@@ -12,7 +12,7 @@ from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPos
 from mani_skill.agents.registration import register_agent
 from mani_skill.utils.building.articulation_builder import ArticulationBuilder
 from mani_skill.utils.sapien_utils import apply_urdf_config, parse_urdf_config
-from mani_skill.utils.structs import Articulation, Pose
+from mani_skill.utils.structs import Pose
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
@@ -39,8 +39,8 @@ class Agent(BaseAgent):
     """Action: the joint targets of the arm in rad, then the gripper in [-1 closed, 1 open]."""
 
     model: Robot  # of each subclass
-    robot: Articulation  # loaded as ManiSkill makes an agent,
-    robot_link_names: list[str]  # and these
+    robot: Any = None  # ManiSkill has both loaded as it makes an agent
+    robot_link_names: Sequence[str] = ()
     _builder: ArticulationBuilder | None = None  # of each subclass, once one has been loaded
 
     @property
@@ -56,7 +56,8 @@ class Agent(BaseAgent):
                 self.disable_self_collisions,
             )
             loader.load_multiple_collisions_from_file = self.load_multiple_collisions
-            apply_urdf_config(loader, parse_urdf_config(self.urdf_config))
+            config: Any = self.urdf_config  # which ManiSkill says is a string
+            apply_urdf_config(loader, parse_urdf_config(config))
             (builder,) = loader.parse(self.urdf_path)["articulation_builders"]
             type(self)._builder = builder
         builder.set_scene(self.scene)  # pyright: ignore[reportArgumentType]
