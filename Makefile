@@ -15,7 +15,7 @@ STAMP := .venv/.setup-$(shell (echo "$(CURDIR) $(RENDER)"; cat pyproject.toml sc
 DEMO := $(if $(filter no,$(RENDER)),render=false stages=[generate],policy.head.refined.regression_steps=5000)
 # Each process keeps to one core.
 JOBS ?= 2
-TESTS := OMP_NUM_THREADS=1 LP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadscope
+TESTS := OMP_NUM_THREADS=1 LP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder
 PICTURED_TESTS := $(if $(filter no,$(RENDER)),-m "not render")
 
 .DEFAULT_GOAL := help

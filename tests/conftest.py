@@ -27,10 +27,23 @@ hypothesis.settings.load_profile("suite")
 CONF = Path(__file__).parents[1] / "conf"
 TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all"))
 
+# The modules that take longest. Begun last, one process would be busy with them while the others wait.
+LONG = (
+    *("test_run", "test_kills", "test_generation", "test_environments", "test_depth_cameras", "test_golden"),
+    *("test_checkers", "test_train", "test_launch", "test_benchmarks", "test_collisions", "test_knocks"),
+    *("test_logs", "test_shards", "test_correction", "test_start_up", "test_laws", "test_coordinator"),
+)
+
 RECIPES = {  # how each is chosen, by its name
     path.stem: path.relative_to(CONF / "policy").with_suffix("").as_posix()
     for path in sorted((CONF / "policy").rglob("*.yaml"))
 }
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest modules first; `--no-loadscope-reorder` keeps to that."""
+    places = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path.stem, len(places)))
 
 
 def read_task(name: str) -> Task:

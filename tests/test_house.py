@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONG
+
 ROOT = Path(__file__).parents[1]
 SOURCES = {
     path: ast.parse(path.read_text("utf-8"))
@@ -177,6 +179,10 @@ def test_no_attribute_is_born_outside_of_init() -> None:
         for name in sorted(assigned(method) - born(cls))
     ]
     assert not late, "\n".join(late)
+
+
+def test_the_longest_modules_of_tests_exist() -> None:
+    assert {*LONG} <= {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
 
 
 def test_no_file_of_tests_is_called_as_another() -> None:
