@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 GRIP: Any = {"material": "gripper", "patch_radius": 0.1, "min_patch_radius": 0.1}
 MATERIAL: Any = {"static_friction": 2.0, "dynamic_friction": 2.0, "restitution": 0.0}
 
+_BUILDERS: dict[tuple[Robot, str], ArticulationBuilder] = {}  # what was read of a robot's URDF at a path
+
 
 @cache
 def uid_of(robot: Robot) -> str:
@@ -41,7 +43,6 @@ class Agent(BaseAgent):
     model: Robot  # of each subclass
     robot: Any = None  # ManiSkill has both loaded as it makes an agent
     robot_link_names: Sequence[str] = ()
-    _builder: ArticulationBuilder | None = None  # of each subclass, once one has been loaded
 
     @property
     def urdf_path(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -49,17 +50,16 @@ class Agent(BaseAgent):
 
     def _load_articulation(self, initial_pose: sapien.Pose | Pose | None = None) -> None:
         """As ManiSkill has it, but that each process reads the URDF once: it is a third of a reset."""
-        if (builder := type(self)._builder) is None:
+        known = self.model, self.urdf_path
+        if (builder := _BUILDERS.get(known)) is None:
             loader = self.scene.create_urdf_loader()
-            loader.fix_root_link, loader.disable_self_collisions = (
-                self.fix_root_link,
-                self.disable_self_collisions,
-            )
+            loader.fix_root_link = self.fix_root_link
+            loader.disable_self_collisions = self.disable_self_collisions
             loader.load_multiple_collisions_from_file = self.load_multiple_collisions
             config: Any = self.urdf_config  # which ManiSkill says is a string
             apply_urdf_config(loader, parse_urdf_config(config))
             (builder,) = loader.parse(self.urdf_path)["articulation_builders"]
-            type(self)._builder = builder
+            _BUILDERS[known] = builder
         builder.set_scene(self.scene)  # pyright: ignore[reportArgumentType]
         builder.set_scene_idxs(None).set_name(f"{self.uid}-agent-{self._agent_idx}")
         builder.initial_pose = initial_pose
