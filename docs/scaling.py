@@ -1,0 +1,153 @@
+"""Writes docs/scaling.md and its figure from results/scaling.tsv: python docs/scaling.py [ROWS.jsonl]
+
+With the rows of a run of `benchmarks/arms.py` these become those of results/ first.
+"""
+
+import argparse
+import csv
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from figure import FAINT, STYLE  # of this folder
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from rf_exp.artifacts import rendered
+from rf_exp.texts.markdown import table
+
+ROOT, HERE = Path(__file__).parents[1], Path(__file__).parent
+ROWS, PAGE, FIGURE = ROOT / "results" / "scaling.tsv", HERE / "scaling.md", HERE / "images" / "scaling.svg"
+MEMBER = re.compile(r"([a-z]+)_(\d+)x(\d+)")
+PLANNING = ("motion_s", "schedule_s", "checks_s")
+NUMBERS = ("seed", "steps", "attempts", "contacts", "makespan", "bound", "peak_mb")
+COLUMNS = ("task", "success", *NUMBERS, *PLANNING, "physics_s", "episode_s")
+COLOURS = {"ring": "#2f81f7", "tower": "#d9702e", "chain": "#3fa34d", "lift": "#a371f7"}
+HEADING = (
+    "",
+    "strict",
+    "at the first attempt",
+    "contacts",
+    "control steps",
+    "makespan over the bound",
+    "planning, CPU s",
+    "episode, CPU s",
+    "slowest episode",
+    "MB",
+)
+Row = dict[str, Any]
+Cell = tuple[str, int, int]  # family, arms, things
+
+
+def adopt(rows: Path) -> None:
+    """The rows of a run become those of results/."""
+    found = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
+    found.sort(key=lambda row: (*_cell(row["task"]), row["seed"]))
+    with ROWS.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, delimiter="\t", lineterminator="\n", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows({**row, "success": int(row["success"])} for row in found)
+
+
+def read() -> dict[Cell, list[Row]]:
+    """The rows of each cell, by family, number of arms and number of things."""
+    found: dict[Cell, list[Row]] = {}
+    with ROWS.open(encoding="utf-8", newline="") as file:
+        for said in csv.DictReader(file, delimiter="\t"):
+            row: Row = {key: float(value) for key, value in said.items() if key != "task"}
+            found.setdefault(_cell(said["task"]), []).append(row)
+    return found
+
+
+def planning_s(rows: list[Row]) -> float:
+    """Mean CPU seconds of motion, schedule and checks."""
+    return float(np.mean([sum(row[key] for key in PLANNING) for row in rows]))
+
+
+def exponent(cells: dict[Cell, list[Row]], family: str, things: int) -> str:
+    """With which planning grows with the number of arms, from two on; least squares of logarithms."""
+    told = [(arms, planning_s(rows)) for (name, arms, count), rows in cells.items() if (name, count) == (family, things)]
+    told = [each for each in told if each[0] > 1]
+    return f"{np.polyfit(*np.log(np.array(told)).T, 1)[0]:.2f}" if len(told) > 2 else ""
+
+
+def line(cell: Cell, rows: list[Row]) -> list[str]:
+    """The line of a cell in the table."""
+    count, bound = len(rows), sum(row["bound"] for row in rows)
+    first = sum(row["success"] == 1 and row["attempts"] == 1 for row in rows)
+    over = sum(row["makespan"] for row in rows) / bound - 1 if bound else 0.0
+    return [
+        f"`{cell[0]}_{cell[1]}x{cell[2]}`",
+        f"{sum(row['success'] for row in rows):.0f} of {count}",
+        f"{first} of {count}",
+        f"{sum(row['contacts'] for row in rows):.0f}",
+        f"{np.mean([row['steps'] for row in rows]):.0f}",
+        f"{100 * over:.1f} %",
+        f"{planning_s(rows):.2f}",
+        f"{np.mean([row['episode_s'] for row in rows]):.2f}",
+        f"{max(row['episode_s'] for row in rows):.2f}",
+        f"{max(row['peak_mb'] for row in rows):.0f}",
+    ]
+
+
+def drawn(cells: dict[Cell, list[Row]]) -> str:
+    """SVG: what planning and the whole episode take over the number of arms, one thing; both axes logarithmic."""
+    with rc_context({**STYLE, "svg.hashsalt": "scaling"}):
+        whole = Figure((8.0, 3.2), layout="constrained")
+        left, right = whole.subplots(1, 2, sharex=True, sharey=True)
+        for family, colour in COLOURS.items():
+            own = {arms: rows for (name, arms, things), rows in sorted(cells.items()) if (name, things) == (family, 1)}
+            episodes = [np.mean([row["episode_s"] for row in rows]) for rows in own.values()]
+            style: Any = {"marker": "o", "ms": 4, "lw": 1.6, "color": colour, "label": family}
+            left.plot([*own], [planning_s(rows) for rows in own.values()], **style)
+            right.plot([*own], episodes, **style)
+        pairs = np.arange(2, 9)
+        guide: Any = {"ls": ":", "lw": 1.2, "color": "#768390"}
+        left.plot(pairs, 0.01 * pairs * (pairs - 1), label="as the number of pairs", **guide)
+        for axes, title in ((left, "planning"), (right, "whole episode")):
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.set_xticks(range(1, 9), [str(count) for count in range(1, 9)])
+            axes.minorticks_off()
+            axes.grid(True, color=FAINT, lw=0.6)
+            axes.set_title(f"{title}, CPU s", fontsize=9.5, fontweight="bold", loc="left")
+            axes.set_xlabel("arms")
+        left.legend(frameon=False, fontsize=8)
+        buffer = io.StringIO()
+        whole.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+    return re.sub(r" +$", "", buffer.getvalue(), flags=re.MULTILINE)
+
+
+def document(cells: dict[Cell, list[Row]]) -> str:
+    """The page."""
+    families = [(family, things) for family in COLOURS for things in sorted({cell[2] for cell in cells if cell[0] == family})]
+    grown = [(f"`{family}`", str(things), exponent(cells, family, things)) for family, things in families]
+    return rendered(
+        HERE / "scaling.jinja",
+        cells=table(HEADING, [line(cell, rows) for cell, rows in sorted(cells.items(), key=_order)]),
+        exponents=table(("family", "things", "exponent"), [each for each in grown if each[2]]),
+        seeds=len({row["seed"] for rows in cells.values() for row in rows}),
+    )
+
+
+def _order(item: tuple[Cell, list[Row]]) -> tuple[int, int, int]:
+    (family, arms, things), _ = item
+    return [*COLOURS].index(family), things, arms
+
+
+def _cell(task: str) -> Cell:
+    found = MEMBER.fullmatch(task)
+    assert found is not None, task
+    return found[1], int(found[2]), int(found[3])
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rows", type=Path, nargs="?", help="of benchmarks/arms.py")
+    if (given := parser.parse_args()).rows is not None:
+        adopt(given.rows)
+    FIGURE.write_text(drawn(read()), "utf-8")
+    PAGE.write_text(document(read()), "utf-8")
