@@ -34,6 +34,7 @@ HEADING = (
     "control steps",
     "makespan over the bound",
     "planning, CPU s",
+    "simulator's steps, CPU s",
     "episode, CPU s",
     "slowest episode",
     "MB",
@@ -69,7 +70,11 @@ def planning_s(rows: list[Row]) -> float:
 
 def exponent(cells: dict[Cell, list[Row]], family: str, things: int) -> str:
     """With which planning grows with the number of arms, from two on; least squares of logarithms."""
-    told = [(arms, planning_s(rows)) for (name, arms, count), rows in cells.items() if (name, count) == (family, things)]
+    told = [
+        (arms, planning_s(rows))
+        for (name, arms, count), rows in cells.items()
+        if (name, count) == (family, things)
+    ]
     told = [each for each in told if each[0] > 1]
     return f"{np.polyfit(*np.log(np.array(told)).T, 1)[0]:.2f}" if len(told) > 2 else ""
 
@@ -87,6 +92,7 @@ def line(cell: Cell, rows: list[Row]) -> list[str]:
         f"{np.mean([row['steps'] for row in rows]):.0f}",
         f"{100 * over:.1f} %",
         f"{planning_s(rows):.2f}",
+        f"{np.mean([row['physics_s'] for row in rows]):.2f}",
         f"{np.mean([row['episode_s'] for row in rows]):.2f}",
         f"{max(row['episode_s'] for row in rows):.2f}",
         f"{max(row['peak_mb'] for row in rows):.0f}",
@@ -94,23 +100,28 @@ def line(cell: Cell, rows: list[Row]) -> list[str]:
 
 
 def drawn(cells: dict[Cell, list[Row]]) -> str:
-    """SVG: what planning and the whole episode take over the number of arms, one thing; both axes logarithmic."""
+    """SVG: what planning and the whole episode take over the number of arms, one thing."""
     with rc_context({**STYLE, "svg.hashsalt": "scaling"}):
         whole = Figure((8.0, 3.2), layout="constrained")
         left, right = whole.subplots(1, 2, sharex=True, sharey=True)
         for family, colour in COLOURS.items():
-            own = {arms: rows for (name, arms, things), rows in sorted(cells.items()) if (name, things) == (family, 1)}
+            own = {
+                arms: rows
+                for (name, arms, things), rows in sorted(cells.items())
+                if (name, things) == (family, 1)
+            }
             episodes = [np.mean([row["episode_s"] for row in rows]) for rows in own.values()]
             style: Any = {"marker": "o", "ms": 4, "lw": 1.6, "color": colour, "label": family}
             left.plot([*own], [planning_s(rows) for rows in own.values()], **style)
             right.plot([*own], episodes, **style)
         pairs = np.arange(2, 9)
         guide: Any = {"ls": ":", "lw": 1.2, "color": "#768390"}
-        left.plot(pairs, 0.01 * pairs * (pairs - 1), label="as the number of pairs", **guide)
+        left.plot(pairs, 0.04 * pairs * (pairs - 1), label="as the number of pairs", **guide)
         for axes, title in ((left, "planning"), (right, "whole episode")):
             axes.set_xscale("log")
             axes.set_yscale("log")
             axes.set_xticks(range(1, 9), [str(count) for count in range(1, 9)])
+            axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
             axes.minorticks_off()
             axes.grid(True, color=FAINT, lw=0.6)
             axes.set_title(f"{title}, CPU s", fontsize=9.5, fontweight="bold", loc="left")
@@ -123,7 +134,11 @@ def drawn(cells: dict[Cell, list[Row]]) -> str:
 
 def document(cells: dict[Cell, list[Row]]) -> str:
     """The page."""
-    families = [(family, things) for family in COLOURS for things in sorted({cell[2] for cell in cells if cell[0] == family})]
+    families = [
+        (family, things)
+        for family in COLOURS
+        for things in sorted({cell[2] for cell in cells if cell[0] == family})
+    ]
     grown = [(f"`{family}`", str(things), exponent(cells, family, things)) for family, things in families]
     return rendered(
         HERE / "scaling.jinja",
@@ -145,7 +160,9 @@ def _cell(task: str) -> Cell:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("rows", type=Path, nargs="?", help="of benchmarks/arms.py")
     if (given := parser.parse_args()).rows is not None:
         adopt(given.rows)

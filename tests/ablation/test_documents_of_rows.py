@@ -38,6 +38,19 @@ def test_the_page_of_robustness_is_what_its_script_writes() -> None:
     )
 
 
+def test_the_page_of_scaling_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    script = runpy.run_path(str(DOCS / "scaling.py"))
+    cells = script["read"]()
+    assert script["PAGE"].read_text("utf-8") == script["document"](cells), "run: python docs/scaling.py"
+    alike = {
+        (family, arms, 1): [{"motion_s": 0.1 * arms**2, "schedule_s": 0.0, "checks_s": 0.0}]
+        for family in ("ring",)
+        for arms in range(1, 6)
+    }
+    assert script["exponent"](alike, "ring", 1) == "2.00"
+
+
 def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_are_some() -> None:
     """And says that there are none as long as there are none."""
     script = runpy.run_path(str(DOCS / "robustness.py"))
