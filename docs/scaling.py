@@ -1,6 +1,6 @@
-"""Writes docs/scaling.md and its figure from results/scaling.tsv: python docs/scaling.py [ROWS.jsonl]
+"""Writes docs/scaling.md and its figure from benchmarks/scaling.tsv: python docs/scaling.py [ROWS.jsonl]
 
-With the rows of a run of `benchmarks/arms.py` these become those of results/ first.
+With the rows of a run of `benchmarks/arms.py` that file is written anew first.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from rf_exp.artifacts import rendered
 from rf_exp.texts.markdown import table
 
 ROOT, HERE = Path(__file__).parents[1], Path(__file__).parent
-ROWS, PAGE, FIGURE = ROOT / "results" / "scaling.tsv", HERE / "scaling.md", HERE / "images" / "scaling.svg"
+ROWS, PAGE, FIGURE = ROOT / "benchmarks" / "scaling.tsv", HERE / "scaling.md", HERE / "images" / "scaling.svg"
 MEMBER = re.compile(r"([a-z]+)_(\d+)x(\d+)")
 PLANNING = ("motion_s", "schedule_s", "checks_s")
 NUMBERS = ("seed", "steps", "attempts", "contacts", "makespan", "bound", "peak_mb")
@@ -44,7 +44,7 @@ Cell = tuple[str, int, int]  # family, arms, things
 
 
 def adopt(rows: Path) -> None:
-    """The rows of a run become those of results/."""
+    """The rows of a run become those of the page."""
     found = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
     found.sort(key=lambda row: (*_cell(row["task"]), row["seed"]))
     with ROWS.open("w", encoding="utf-8", newline="") as file:

@@ -145,7 +145,7 @@ def _lane(axes: Axes, trajectory: Trajectory, schedule: Schedule) -> None:
         axes.broken_barh([(first, last - first)], (row - 0.2, 0.4), facecolor=colour, edgecolor=FACE, lw=0.6)
         begins.setdefault(span.segment.subgoal.text, first)
     whole_s = max(len(schedule), 1) * CONTROL_DT_S
-    for (text, first), until in zip(begins.items(), [*[*begins.values()][1:], whole_s], strict=True):
+    for (text, first), until in zip(begins.items(), [*begins.values(), whole_s][1:], strict=True):
         room = int(LETTERS * (until - first) / whole_s)
         shown = text if len(text) <= room else f"{text[: max(0, room - 1)]}…"
         axes.plot([first, first], [row - 0.42, row + 0.2], color=TEXT, lw=0.8)

@@ -58,6 +58,12 @@ def test_the_picture_of_lanes_shows_motion_and_waiting():
     )  # agent 2, 10 of 30 steps of nine tenths of the width
 
 
+def test_an_agent_that_has_nothing_to_do_has_a_lane_of_its_own():
+    positions = np.column_stack([TIMED.positions, np.zeros(len(TIMED.positions), int)])
+    picture = lanes((*TWO, still(3)), Schedule(positions, TIMED.makespan_bound))
+    assert picture.shape[0] > lanes(TWO, TIMED).shape[0]
+
+
 def test_a_primitive_without_a_colour_is_grey():
     assert primitive_colour("juggle") == OBJECT
 
