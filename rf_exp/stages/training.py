@@ -23,7 +23,7 @@ from rf_exp.datagen import Outcome, make_episode
 from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.findings import Account
-from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, sent_on, train
+from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, sent_on, train
 from rf_exp.processes import in_order
 from rf_exp.progress import Progress, console
 from rf_exp.stages.cell import Cell, continued, owned
@@ -41,7 +41,8 @@ SAVING_S = 20.0  # a training that is told to end may take so long for its last 
 def train_policies(cell: Cell) -> None:
     """One policy for each view of the architecture, from the first `demos` episodes, anew in each round.
 
-    Each in a process of its own: on a CPU side by side, as a small network gains little from a second core.
+    Each in a process of its own, side by side: a small network gains little from a second core, and leaves a
+    GPU idle while its kernels are launched.
     """
     for rounds in range(cell.experiment.dagger.rounds + 1):
         now = cell.after(rounds)
@@ -56,7 +57,7 @@ def train_policies(cell: Cell) -> None:
                 data = redraw(source, path, now.task, now.task.variation, copies)
                 demos *= copies
             there = all((folder / view.name / MODEL).exists() for view in views)
-            processes = min(len(views), experiment.workers) if device_of(config.device).type == "cpu" else 1
+            processes = min(len(views), experiment.workers)
             # Small networks are too small for threads: they would spend their time waiting for each other.
             large = experiment.policy.encoder.large
             threads = max(1, (os.cpu_count() or 1) // processes) if large else 1

@@ -139,13 +139,36 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         """`modulated` for values like these in any number of rows, without Python between its operations.
 
         They are the same to the last bit; a single row on a CPU takes a third of the time by it
-        (benchmarks/policy_call.py). Weights are the module's own, in the mode that it is in.
+        (benchmarks/policy_call.py). Weights are the module's own, in the mode that it is in. On a GPU it is a
+        graph of kernels for just as many rows, and the next call overwrites what the last one returned.
         """
+        if sample.is_cuda:
+            return self._captured(sample, film)
         with warnings.catch_warnings(), torch.inference_mode(False), torch.no_grad():
             warnings.simplefilter("ignore")  # of sizes that depend on the data: these depend on the network
             shapes = (torch.zeros(2, *sample.shape[1:]), torch.zeros(2, *film.shape[1:]))
             traced = torch.jit.trace_module(self, {"modulated": shapes}, check_trace=False)
         return traced.modulated  # pyright: ignore[reportReturnType]
+
+    @torch.no_grad()
+    def _captured(self, sample: Tensor, film: Tensor) -> Callable[[Tensor, Tensor], Tensor]:
+        inputs, beside = (sample.clone(), film.clone()), torch.cuda.Stream(sample.device)
+        beside.wait_stream(torch.cuda.current_stream(sample.device))
+        with torch.cuda.stream(beside):  # libraries choose their kernels in a first call, and may wait there
+            self.modulated(*inputs)
+        torch.cuda.current_stream(sample.device).wait_stream(beside)
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            result = self.modulated(*inputs)
+
+        @torch.no_grad()
+        def replayed(sample: Tensor, film: Tensor) -> Tensor:
+            for kept, given in zip(inputs, (sample, film), strict=True):
+                kept.copy_(given)
+            graph.replay()
+            return result
+
+        return replayed
 
     def forward(self, sample: Tensor, steps: Tensor, observation: Tensor) -> Tensor:
         """Noisy actions (B, T, A), diffusion steps (B,), observation (B, C) -> prediction (B, T, A).
@@ -183,9 +206,11 @@ class DiffusionHead(Head):
             self.scheduler.set_timesteps(config.inference_steps)
         self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
         self._quick: Callable[[Tensor, Tensor], Tensor] | None = None  # the U-Net, then
+        self._rows = 0  # that it was made for
 
     def train(self, mode: bool = True) -> "DiffusionHead":
-        self._film_table = self._quick = None  # weights may change: what was derived from them is not valid
+        # Weights may change: what was derived from them is not valid.
+        self._film_table, self._quick, self._rows = None, None, 0
         return super().train(mode)
 
     def loss(
@@ -218,9 +243,11 @@ class DiffusionHead(Head):
         steps = self.scheduler.timesteps
         if self._film_table is None:
             self._film_table = self.unet.film_of_steps(steps.to(condition.device))
-            if condition.device.type == "cpu":
-                known = sample if given is None else torch.cat([sample, given], dim=2)
-                self._quick = self.unet.quick(known, film)
+        # A graph of a GPU's kernels has its number of rows, and wants a GPU, which a test may lack.
+        anew = self._rows != shape[0] and torch.cuda.is_available() if sample.is_cuda else self._rows == 0
+        if anew:
+            known = sample if given is None else torch.cat([sample, given], dim=2)
+            self._quick, self._rows = self.unet.quick(known, film), shape[0]
         for step, film_of_step in zip(steps, self._film_table, strict=True):
             prediction = self._predicted(sample, film + film_of_step, given)
             # A scheduler returns a tuple only when it is asked to.
