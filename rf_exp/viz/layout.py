@@ -48,6 +48,8 @@ PICTURE_COLUMNS = 3
 
 PROPOSALS, CHECKS, DIAGRAMS, MOTIONS = "plan/proposals", "plan/checks", "plan/diagrams", "motions"
 CONDITIONS, MARGINS, VERDICT = "conditions", "margins", "verdict"
+LEGENDS = "legends"
+LEGEND_ROWS = 10  # that a legend has room for
 DISTANCES, CONTACTS = "arms/distances", "contacts"
 PATHS = "world/paths"
 
@@ -95,7 +97,7 @@ def blueprint(
         *((f"agent {agent} joints (rad)", f"joints/agent{agent}") for agent in range(1, agents + 1)),
         ("grippers (mm open)", "gripper"),
     ]
-    series = [rrb.TimeSeriesView(name=name, origin=origin) for name, origin in curves]
+    series = [_curves(*each) for each in curves]
     log = rrb.TextLogView(
         name="log",
         contents=["log/**", f"{MOTIONS}/**", "checks/**", f"{CONDITIONS}/**"],
@@ -110,11 +112,11 @@ def blueprint(
         shares = [1.15, 1.0]
     else:  # predicted beside commanded and measured; which conditions hold; how near arms are; the verdict
         conditions = rrb.StateTimelineView(name="conditions over time", origin=CONDITIONS)
-        margins = rrb.TimeSeriesView(name="value / bound", origin=MARGINS)
+        margins = _curves("value / bound", MARGINS)
         below, low = rrb.Horizontal(_tabs(*series), _tabs(conditions, margins)), 1.6
-        near = forces = rrb.TimeSeriesView(name="contacts (N)", origin=CONTACTS)
+        near = forces = _curves("contacts (N)", CONTACTS, 0.55)
         if agents > 1:
-            distances = rrb.TimeSeriesView(name="distance of arms (cm)", origin=DISTANCES)
+            distances = _curves("distance of arms (cm)", DISTANCES, 0.55)
             near = rrb.Horizontal(distances, forces)
         verdict = rrb.TextDocumentView(name="verdict", origin=VERDICT)
         right = [near, _tabs(verdict, log)]
@@ -133,6 +135,19 @@ def blueprint(
         rrb.TimePanel(state="collapsed", timeline="time", loop_mode="all"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _curves(name: str, origin: str, legend: float = 0.35) -> rrb.Horizontal:
+    """Curves and, beside them, their legend, so wide: the viewer's own lies on top of them."""
+    bounds = rrb.VisualBounds2D(x_range=[-1.0, 1.0], y_range=[-1.0, LEGEND_ROWS - 1.0])
+    return rrb.Horizontal(
+        rrb.TimeSeriesView(name=name, origin=origin, plot_legend=rrb.PlotLegend(visible=False)),
+        rrb.Spatial2DView(
+            name="legend", origin=f"{LEGENDS}/{origin}", background=BACKGROUND, visual_bounds=bounds
+        ),
+        column_shares=[1.0, legend],
+        name=name,
     )
 
 
@@ -172,5 +187,5 @@ def _reasons(diagrams_px: tuple[int, int] | None) -> list[rrb.View]:
     return views
 
 
-def _tabs(*views: rrb.View) -> rrb.Tabs:
+def _tabs(*views: rrb.View | rrb.Container) -> rrb.Tabs:
     return rrb.Tabs(*views, active_tab=0)

@@ -87,6 +87,9 @@ class Recorder:
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
         self._curves: dict[str, list[str]] = {}  # group -> entities in it so far
         self._styled: set[str] = set()  # entities that have their style
+        self._legends: dict[
+            str, list[tuple[tuple[int, ...], str]]
+        ] = {}  # colours and names of curves by group
         self._closed = False
         self._motions: list[dict[str, Rgb]] = [{} for _ in range(agents)]  # states of each agent's lane
         self._checks: dict[str, bool] = {}  # lanes seen -> they have a state now
@@ -277,6 +280,8 @@ class Recorder:
         opaque = [(*each, 255) for each in layout.JOINT_COLOURS[: robot.dof]]
         self._style(joints, dots(opaque, ["predicted"] * robot.dof))
         self._style(gripper, dots([(*agent_colour(agent), 255)], [f"agent {agent} predicted"]))
+        for group in (f"joints/agent{agent}", "gripper"):
+            self._legend(group, [(layout.INK, "dots: predicted")])
         now = self._step
         for step, target in enumerate(targets, start=first):
             self._set_time(step)
@@ -400,11 +405,14 @@ class Recorder:
         for agent, robot in enumerate(self._robots, start=1):
             colour, name, colours = agent_colour(agent), f"agent {agent}", layout.JOINT_COLOURS[: robot.dof]
             names = [f"q{joint}" for joint in range(1, robot.dof + 1)]
+            sent = layout.INK, "thin: target"
+            self._legend(f"joints/agent{agent}", [*zip(colours, names, strict=True), sent])
             self._log(f"joints/agent{agent}/measured", lines(colours, names, 2), static=True)
             faint = [(*colour, FAINT) for colour in colours]
             # One name for all targets: one line in the legend.
             self._log(f"joints/agent{agent}/target", lines(faint, ["target"] * robot.dof, 1), static=True)
             self._log(f"gripper/agent{agent}/measured", lines([colour], [name], 2), static=True)
+            self._legend("gripper", [(colour, name)] if agent < self._agents else [(colour, name), sent])
             target = lines([(*colour, FAINT)], [f"{name} target"], 1)
             self._log(f"gripper/agent{agent}/target", target, static=True)
 
@@ -416,4 +424,16 @@ class Recorder:
             curves.append(entity)
             colour = layout.AGENT_COLOURS[(len(curves) - 1) % len(layout.AGENT_COLOURS)]
             self._style(entity, lines([colour], [name], 2))
+            self._legend(group, [(colour, name)])
         self._log(entity, rr.Scalars(value))
+
+    def _legend(self, group: str, rows: Sequence[tuple[tuple[int, ...], str]]) -> None:
+        """More rows of what the curves of a group are."""
+        known = self._legends.setdefault(group, [])
+        if not (added := [row for row in rows if row not in known]):
+            return
+        known += added
+        colours, names = zip(*known, strict=True)
+        places = [(0.0, float(row)) for row in range(len(known))]
+        points = rr.Points2D(places, colors=colours, labels=names, radii=0.0, show_labels=True)
+        self._log(f"{layout.LEGENDS}/{group}", points, static=True)

@@ -33,11 +33,33 @@ def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(pat
         recorder.contact("agent 1 on barrier", 3.0)
         recorder.judged(Markdown("so far"))
     origins, names, classes = layout(path)
-    assert classes.count("2D") == len(CAMERAS)  # and no diagrams
+    assert classes.count("2D") == len(CAMERAS) + legends(names, classes)  # and no diagrams
     assert {"conditions over time", "distance of arms (cm)", "contacts (N)", "verdict"} <= set(names)
     recorded = Content(path).batches
     for origin in origins:
         assert any(entity.startswith(f"/{origin.strip('/')}") for entity in recorded), origin
+
+
+def legends(names: list[str], classes: list[str]) -> int:
+    """How many legends there are: one beside the curves of each view."""
+    assert names.count("legend") == classes.count("TimeSeries") > 0
+    return names.count("legend")
+
+
+def test_a_legend_says_once_what_each_curve_is(path):
+    with open_recorder(path, panels="rollout") as recorder:
+        recorder.step(0, poses=POSES, qpos=QPOS, action=ACTION)
+        recorder.predicted(1, 1, ACTION[:1])
+        recorder.predicted(1, 1, ACTION[:1])
+        recorder.distance(1, 2, 0.3)
+        recorder.distance(1, 2, 0.2)
+    content = Content(path)
+    joints, apart = (
+        content.column(f"/legends/{group}", "Points2D:labels")[-1]
+        for group in ("joints/agent1", "arms/distances")
+    )
+    assert joints == [*(f"q{joint}" for joint in range(1, 8)), "thin: target", "dots: predicted"]
+    assert apart == ["agents 1 and 2"]
 
 
 def layout(path: Path) -> tuple[list[str], list[str], list[str]]:
@@ -61,7 +83,7 @@ def test_the_layout_is_in_the_file(path, cameras):
         recorder.motion(1, "home", "move")
         recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
     origins, names, classes = layout(path)
-    assert classes.count("2D") == len(cameras) + 1  # and the diagrams
+    assert classes.count("2D") == len(cameras) + legends(names, classes) + 1  # and the diagrams
     assert classes.count("3D") == 2  # with and without occupancy
     assert {"agent 1 joints (rad)", "agent 2 joints (rad)", "grippers (mm open)", "log"} <= set(names)
     recorded = Content(path).batches
