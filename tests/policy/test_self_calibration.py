@@ -82,6 +82,16 @@ def test_a_hand_that_is_once_taken_for_something_else_counts_for_little() -> Non
     assert np.median(off) < 0.01
 
 
+def test_a_hand_that_waits_where_it_is_mistaken_counts_once() -> None:
+    """Each look at it errs in the same way: a long wait tells nothing new, and turned the camera by degrees."""
+    rng = np.random.default_rng(3)
+    for camera in (knocked(rng) for _ in range(5)):
+        estimate = followed(camera, rng)
+        for _ in range(30):
+            estimate.see(GOAL_M[None], place(camera, GOAL_M)[None] + 0.08)
+        assert off_m(estimate.rays, camera) < 0.015
+
+
 @pytest.mark.parametrize("row", [0, 1])
 def test_each_camera_of_pictures_side_by_side_has_its_part(row: int) -> None:
     """Rays in the middle of its part do not turn with the lens."""

@@ -19,6 +19,7 @@ from rf_exp.transforms import rotated
 PRIOR_STD = np.array([0.05] * 3 + [0.03] * 3 + [0.03])
 MOST_EVALUATIONS = 4  # evaluations of a fit, which begins where the last one ended
 PIXEL_STD = 1.0  # of a hand in a picture
+APART_M = 0.02  # between the places of a hand: looks at one that stands still err alike, and count once
 
 
 @dataclass
@@ -38,7 +39,9 @@ class CameraEstimate:
         return self._rays(self._moved)
 
     def see(self, points: NDArray[np.float64], places: NDArray[np.float64]) -> None:
-        """Hands at points (n, 3) are seen at places (n, 2)."""
+        """Hands at points (n, 3) are seen at places (n, 2). Says nothing new where they were seen last."""
+        if self._points and np.abs(points - self._points[-1]).max() < APART_M:
+            return
         self._points.append(points)
         self._places.append(places)
         points, places = np.concatenate(self._points), np.concatenate(self._places)
