@@ -96,6 +96,23 @@ def ablation_length() -> str:
     return table(heading, lines)
 
 
+def ablation_others() -> str:
+    """Of each other task all rows: successes at the first attempt and in the end, of how many; mean length."""
+    kinds, theirs = [*paper().ablation_success], {*next(iter(paper().ablation_success.values()))}
+    lines = []
+    for task in configured():
+        if task in theirs or not (ROOT / "results" / "ablation" / task).exists():
+            continue
+        line = [title_of(task, configured())]
+        for kind in kinds:
+            rows = _cell(task, kind)
+            first = sum(row.success and row.attempts == 1 for row in rows)
+            end, long = sum(row.success for row in rows), _lengths(rows).value
+            line.append(f"**{first}**, **{end}** of {len(rows)}; {long:.0f}")
+        lines.append(line)
+    return table(["first, end; steps", *(f"`{kind}`" for kind in kinds)], lines)
+
+
 def compared_brains() -> str:
     """A table for each task, in which brains stand side by side."""
     paths = sorted((ROOT / "results" / "brains").glob(f"*/*{PUBLISHED}"))
@@ -124,7 +141,7 @@ def _told(found: Estimate, scale: float = 1) -> str:
 
 WRITTEN: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "README.md": {"policies": policies},
-    "docs/ablation.md": {"success": ablation_success, "length": ablation_length},
+    "docs/ablation.md": {"success": ablation_success, "length": ablation_length, "others": ablation_others},
     "docs/brains.md": {"brains": compared_brains},
     "docs/expert.md": {"experts": experts},
 }
