@@ -34,7 +34,7 @@ class Unmet:
         if self.value is not None:
             better = self.best is not None and f"{self.best:.2g}" != f"{self.value:.2g}"
             best = f", best {self.best:.2g}" if better and not self.since_s else ""
-            asked = f"{'>' if self.above else '<'} {self.bound:g}"
+            asked = f"{'>' if self.above else '<'} {self.bound:.3g}"
             parts += [f"{self.value:.2g} {self.unit}{best}, asked {asked}"]
         return f"{self.name} ({': '.join(parts)})"
 

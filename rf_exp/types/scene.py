@@ -155,7 +155,7 @@ class Measured(NamedTuple):  # a frozen dataclass takes three times as long, man
 
     @property
     def asked(self) -> str:
-        return f"{'>' if self.above else '<'} {self.bound:g}"
+        return f"{'>' if self.above else '<'} {self.bound:.3g}"
 
 
 Condition = bool | Measured  # of success
