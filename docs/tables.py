@@ -97,7 +97,7 @@ def ablation_length() -> str:
 
 
 def ablation_others() -> str:
-    """Of each other task all rows: successes at the first attempt and in the end, of how many; mean length."""
+    """Of each other task: successes at the first attempt and in the end, of how many; mean length."""
     kinds, theirs = [*paper().ablation_success], {*next(iter(paper().ablation_success.values()))}
     lines = []
     for task in configured():

@@ -83,7 +83,7 @@ def test_a_hand_that_is_once_taken_for_something_else_counts_for_little() -> Non
 
 
 def test_a_hand_that_waits_where_it_is_mistaken_counts_once() -> None:
-    """Each look at it errs in the same way: a long wait tells nothing new, and turned the camera by degrees."""
+    """Each look at it errs alike: a long wait tells nothing new, and turned the camera by degrees."""
     rng = np.random.default_rng(3)
     for camera in (knocked(rng) for _ in range(5)):
         estimate = followed(camera, rng)
