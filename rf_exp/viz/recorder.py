@@ -87,9 +87,8 @@ class Recorder:
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
         self._curves: dict[str, list[str]] = {}  # group -> entities in it so far
         self._styled: set[str] = set()  # entities that have their style
-        self._legends: dict[
-            str, list[tuple[tuple[int, ...], str]]
-        ] = {}  # colours and names of curves by group
+        # Of each group of curves their colours and names.
+        self._legends: dict[str, list[tuple[tuple[int, ...], str]]] = {}
         self._closed = False
         self._motions: list[dict[str, Rgb]] = [{} for _ in range(agents)]  # states of each agent's lane
         self._checks: dict[str, bool] = {}  # lanes seen -> they have a state now
