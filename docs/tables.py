@@ -107,8 +107,9 @@ def ablation_others() -> str:
         for kind in kinds:
             rows = _cell(task, kind)
             first = sum(row.success and row.attempts == 1 for row in rows)
-            end, long = sum(row.success for row in rows), _lengths(rows).value
-            line.append(f"**{first}**, **{end}** of {len(rows)}; {long:.0f}")
+            end = sum(row.success for row in rows)
+            long = f"{_lengths(rows).value:.0f}" if end else "-"
+            line.append(f"**{first}**, **{end}** of {len(rows)}; {long}")
         lines.append(line)
     return table(["first, end; steps", *(f"`{kind}`" for kind in kinds)], lines)
 
