@@ -76,8 +76,7 @@ def ablation_success() -> str:
         line = [f"`{kind}`"]
         for task in figures:
             rows = _cell(task, kind)
-            first = sum(row.success and row.attempts == 1 for row in rows)
-            line += [_told(wilson(n, len(rows)), 100) for n in (first, sum(row.success for row in rows))]
+            line += [_told(wilson(n, len(rows)), 100) for n in _successes(rows)]
             line.append(f"{100 * figures[task]:.1f}")
         lines.append(line)
     return table(heading, lines)
@@ -106,8 +105,7 @@ def ablation_others() -> str:
         line = [title_of(task, configured())]
         for kind in kinds:
             rows = _cell(task, kind)
-            first = sum(row.success and row.attempts == 1 for row in rows)
-            end = sum(row.success for row in rows)
+            first, end = _successes(rows)
             long = f"{_lengths(rows).value:.0f}" if end else "-"
             line.append(f"**{first}**, **{end}** of {len(rows)}; {long}")
         lines.append(line)
@@ -129,6 +127,11 @@ def _ablated() -> Iterator[str]:
 
 def _cell(task: str, kind: str) -> Sequence[GenerationRow]:
     return read_rows(ROOT / "results" / "ablation" / task / f"{kind}{PUBLISHED}", GenerationRow)
+
+
+def _successes(rows: Sequence[GenerationRow]) -> tuple[int, int]:
+    """At the first attempt, and in the end."""
+    return sum(row.success and row.attempts == 1 for row in rows), sum(row.success for row in rows)
 
 
 def _lengths(rows: Sequence[GenerationRow]) -> Estimate:

@@ -1,6 +1,6 @@
 """What went wrong, as values: violations, and the account of an episode. Sentences are written from them."""
 
-from rf_exp.findings.account import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
+from rf_exp.findings.account import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet, bound_text
 from rf_exp.findings.dialogue import Answer, Dialogue, Ruling
 from rf_exp.findings.finding import (
     About,
@@ -35,5 +35,6 @@ __all__ = [
     "Unmet",
     "Violation",
     "agent_name",
+    "bound_text",
     "names",
 ]

@@ -15,6 +15,11 @@ TOUCHED = "all conditions held, but arms had touched"
 IDLE = "nothing was carried out"
 
 
+def bound_text(bound: float, above: bool) -> str:
+    """What a number should be: above a bound, or below it. To three figures: bounds vary with sizes."""
+    return f"{'>' if above else '<'} {bound:.3g}"
+
+
 @dataclass(frozen=True)
 class Unmet:
     """A condition of success that did not hold at the end, with its number, if it has one."""
@@ -34,7 +39,7 @@ class Unmet:
         if self.value is not None:
             better = self.best is not None and f"{self.best:.2g}" != f"{self.value:.2g}"
             best = f", best {self.best:.2g}" if better and not self.since_s else ""
-            asked = f"{'>' if self.above else '<'} {self.bound:.3g}"
+            asked = bound_text(self.bound, self.above)
             parts += [f"{self.value:.2g} {self.unit}{best}, asked {asked}"]
         return f"{self.name} ({': '.join(parts)})"
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.findings import Account, Violation
+from rf_exp.findings import Account, Violation, bound_text
 from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
@@ -155,7 +155,7 @@ class Measured(NamedTuple):  # a frozen dataclass takes three times as long, man
 
     @property
     def asked(self) -> str:
-        return f"{'>' if self.above else '<'} {self.bound:.3g}"
+        return bound_text(self.bound, self.above)
 
 
 Condition = bool | Measured  # of success

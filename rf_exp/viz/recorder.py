@@ -85,7 +85,6 @@ class Recorder:
         self._moving = frozenset(moving)
         self._posed = {*meshes, *map(camera_entity, moving)}  # entities that a step may place
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
-        self._curves: dict[str, list[str]] = {}  # group -> entities in it so far
         self._styled: set[str] = set()  # entities that have their style
         # Of each group of curves their colours and names.
         self._legends: dict[str, list[tuple[tuple[int, ...], str]]] = {}
@@ -418,10 +417,9 @@ class Recorder:
     def _curve(self, group: str, name: str, value: float) -> None:
         """A number now, in a group of curves that are told apart by their colours."""
         entity = f"{group}/{rr.escape_entity_path_part(name)}"
-        curves = self._curves.setdefault(group, [])
-        if entity not in curves:
-            curves.append(entity)
-            colour = layout.AGENT_COLOURS[(len(curves) - 1) % len(layout.AGENT_COLOURS)]
+        if entity not in self._styled:
+            count = len(self._legends.get(group, ()))
+            colour = layout.AGENT_COLOURS[count % len(layout.AGENT_COLOURS)]
             self._style(entity, lines([colour], [name], 2))
             self._legend(group, [(colour, name)])
         self._log(entity, rr.Scalars(value))
