@@ -22,15 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.installed import CONF
-from rf_exp.keys import (
-    arranged,
-    checked_folder,
-    keys_are_in,
-    keys_of_files,
-    keys_told,
-    no_key,
-    refuse_unknown_keys,
-)
+from rf_exp.keys import arranged, checked_folder, keys_told, not_among_files, refuse_unknown_keys
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.progress import complaints
 from rf_exp.secrets import refuse_keys
@@ -39,6 +31,11 @@ from rf_exp.texts import LONGEST_ERROR, one_line, shown
 FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
 SPARE_BYTES = 2**24  # given up where memory has run out, so that this can still be said
 WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
+OUT_OF_MEMORY = (  # parts of what libraries and the system say then
+    *("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory"),
+    *("OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc"),
+    *("failed to map segment from shared object", "can't start new thread"),
+)
 # Before Hydra makes the folder of its records.
 OmegaConf.register_new_resolver("folder", checked_folder, replace=True)
 OmegaConf.register_new_resolver("file_name", lambda choice: PurePosixPath(choice).name, replace=True)
@@ -178,7 +175,7 @@ def _line(error: Exception) -> tuple[int, str]:
 def _in_other_words(error: Exception) -> str:
     """What is said of a wrong argument; where those of Hydra and OmegaConf lead astray, in words of ours."""
     if found := re.match(r"Could not override '([^']+)'", str(error)):  # a key is not there
-        return f"{no_key(found[1], keys_of_files())} {keys_are_in()}"
+        return not_among_files(found[1])
     if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
         return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
     if found := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a folder of its group
@@ -195,7 +192,7 @@ def _in_other_words(error: Exception) -> str:
 
 def _unexpected(error: Exception, folder: Path) -> StageError:
     """One line for an error that nobody foresaw; its traceback is in a file."""
-    if _out_of_memory(error):
+    if isinstance(error, MemoryError) or any(each in str(error) for each in OUT_OF_MEMORY):
         return StageError(
             f"memory ran out ({_first_line(error)}); fewer workers, smaller pictures or a smaller "
             "batch_size need less; the same command goes on from here"
@@ -219,13 +216,6 @@ def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or ["without a message"])[0]
 
 
-def _out_of_memory(error: Exception) -> bool:
-    words = ("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory")
-    words = (*words, "OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc")
-    words = (*words, "failed to map segment from shared object", "can't start new thread")
-    return isinstance(error, MemoryError) or any(each in str(error) for each in words)
-
-
 @contextmanager
 def _told() -> Iterator[None]:
     """Within, SIGTERM and SIGHUP end the command as Ctrl-C does; the second one at once."""
@@ -234,9 +224,8 @@ def _told() -> Iterator[None]:
         signal.signal(number, signal.SIG_DFL)
         raise _Told(number)
 
-    numbers = [
-        n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL
-    ]  # not nohup
+    both = signal.SIGTERM, signal.SIGHUP
+    numbers = [number for number in both if signal.getsignal(number) is signal.SIG_DFL]  # not so below nohup
     for number in numbers:
         signal.signal(number, tell)
     try:

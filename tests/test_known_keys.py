@@ -69,7 +69,7 @@ def test_of_every_key_a_wrong_letter_is_missed_and_the_right_one_proposed(brain:
             if said in there or key[-1].isdecimal():  # another key by now, and the place in a list
                 continue
             changed = with_misspelt({key[0]: node[key[0]]}, key, wrong)
-            assert [".".join(map(str, each)) for each in unknown(changed, keys)] == [said]
+            assert list(unknown(changed, keys)) == [said]
             proposed = nearest(said, there)
             assert dotted in proposed and len(proposed) <= 4, (said, proposed)
 

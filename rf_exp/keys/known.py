@@ -5,7 +5,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, get_args, get_origin, get_type_hints
 
 from rf_exp.datagen.brain import SPECS
-from rf_exp.keys.refusal import ALWAYS, Key, content, nearest
+from rf_exp.keys.refusal import ALWAYS, content, nearest
 from rf_exp.policy import TrainConfig, policy_keys
 from rf_exp.tasks import COUNTED, CameraSpec, Task, Variation, is_family
 from rf_exp.types import Arch, ConstraintSet
@@ -70,24 +70,21 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
     }
 
 
-def unknown(node: Any, keys: Any, at: Key = ()) -> Iterator[Key]:
-    """The keys of a configuration that nobody reads."""
+def unknown(node: Any, keys: Any, at: str = "") -> Iterator[str]:
+    """The dotted keys of a configuration that nobody reads."""
     if isinstance(keys, list) and isinstance(node, list):
         for index, each in enumerate(node):
-            yield from unknown(each, keys[0], (*at, str(index)))
+            yield from unknown(each, keys[0], f"{at}{index}.")
     if not isinstance(node, Mapping) or not isinstance(keys, Mapping | Entries) or not keys:
         return
+    if isinstance(keys, Entries):
+        whole = keys.whole(node)
+        keys = {name: keys.of(name) for name in node if name in whole or not nearest(str(name), whole)}
     for key, value in node.items():
-        if isinstance(keys, Entries):
-            others = [name for name in keys.whole(node) if name != key]
-            if key in keys.whole(node) or not nearest(str(key), others):
-                yield from unknown(value, keys.of(key), (*at, key))
-            else:
-                yield (*at, key)
-        elif key in keys:
-            yield from unknown(value, keys[key], (*at, key))
+        if key in keys:
+            yield from unknown(value, keys[key], f"{at}{key}.")
         else:
-            yield (*at, key)
+            yield f"{at}{key}"
 
 
 def flat(node: Any, keys: Any, at: str = "") -> Iterator[tuple[str, Any, Iterable[str]]]:
@@ -111,7 +108,7 @@ def absent(node: Mapping[str, Any], content: Mapping[str, Any], at: str = "") ->
             yield from absent(node[key], below, f"{at}{key}.")
 
 
-def possible(node: Any, keys: Any, at: Key = ()) -> Iterator[str]:
+def possible(node: Any, keys: Any, at: str = "") -> Iterator[str]:
     """The dotted keys that a configuration may have; of entries, those that are there."""
     there = node if isinstance(node, Mapping) else {}
     if isinstance(keys, list) and isinstance(node, list):
@@ -119,8 +116,8 @@ def possible(node: Any, keys: Any, at: Key = ()) -> Iterator[str]:
     elif isinstance(keys, Entries):
         keys = {name: keys.of(name) for name in keys.whole(there)}
     for key, below in keys.items() if isinstance(keys, Mapping) else ():
-        yield ".".join(map(str, (*at, key)))
-        yield from possible(there.get(key), below, (*at, key))
+        yield f"{at}{key}"
+        yield from possible(there.get(key), below, f"{at}{key}.")
 
 
 def _fields(kind: Any, *without: str) -> dict[str, Any]:

@@ -18,8 +18,6 @@ from omegaconf import DictConfig, OmegaConf
 from rf_exp.errors import ArgumentError
 from rf_exp.installed import CONF
 
-Key = tuple[str, ...]  # its parts, outermost first
-
 ALWAYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"  # of which every configuration is made
 RENAMED: Mapping[str, str] = yaml.safe_load(Path(__file__).with_name("renamed.yaml").read_text("utf-8"))
 ALIKE = 0.65  # of 1, from here on one word may be meant by another: of three letters one may be wrong
@@ -28,20 +26,11 @@ LISTED = 3  # keys in one sentence
 
 @dataclass(frozen=True)
 class File:
-    """One of the files, and the key below which its own ones come."""
+    """One of the files, the dotted key below which its own ones come, and these."""
 
     path: Traversable
-    package: Key
-    content: Mapping[str, Any]
-
-    def has(self, key: Key) -> bool:
-        """Whether the file says something of a key of the configuration."""
-        depth, node = len(self.package), self.content
-        if key[:-1][:depth] != self.package:
-            return False
-        for part in key[depth:-1]:
-            node = node.get(part) if isinstance(node, Mapping) else None
-        return isinstance(node, Mapping) and key[-1] in node
+    package: str
+    keys: Collection[str]  # dotted, as the configuration has them
 
 
 def refuse_unknown_keys(config: DictConfig) -> None:
@@ -75,15 +64,14 @@ def _own_tasks(node: Mapping[str, Any]) -> dict[str, Any]:
     return {name: content(path).get(name, {}) for name, path in files.items() if path is not None}
 
 
-def _told(key: Key, there: Collection[str], files: Sequence[File]) -> str:
-    said = ".".join(map(str, key))
-    file = next((file for file in reversed(files) if file.has(key)), None)
+def _told(key: str, there: Collection[str], files: Sequence[File]) -> str:
+    file = next((file for file in reversed(files) if key in file.keys), None)
     if file is None:
-        return no_key(said, there, " on the command line")
+        return no_key(key, there, " on the command line")
     where = f" in {shown(file.path) if isinstance(file.path, Path) else file.path}"
-    if file.package and ".".join(map(str, key[len(file.package) :])) in there:
-        return f"there is no key {said!r}{where}: its first line must be '# @package _global_'."
-    return no_key(said, there, where)
+    if file.package and key.removeprefix(f"{file.package}.") in there:
+        return f"there is no key {key!r}{where}: its first line must be '# @package _global_'."
+    return no_key(key, there, where)
 
 
 def nearest(key: str, possible: Iterable[str]) -> list[str]:
@@ -93,8 +81,7 @@ def nearest(key: str, possible: Iterable[str]) -> list[str]:
     beside = {other: end for other, end in ends.items() if other.rpartition(".")[0] == parent}
     if found := _best(last, beside):
         return found
-    found = _best(last, ends)  # below another parent
-    return _best(key, {other: other for other in found}, 0.0)
+    return _best(key, {other: other for other in _best(last, ends)}, 0.0)  # below another parent
 
 
 def _best(word: str, among: Mapping[str, str], least: float = ALIKE) -> list[str]:
@@ -124,6 +111,11 @@ def no_key(key: str, possible: Iterable[str], where: str = "") -> str:
     return f"there is no key {key!r}{where}" + (f"; did you mean {' or '.join(near)}?" if near else ".")
 
 
+def not_among_files(key: str) -> str:
+    """What is said of a key that no configuration made of `conf/` alone has."""
+    return f"{no_key(key, keys_of_files())} {keys_are_in()}"
+
+
 def keys_are_in() -> str:
     """Where a person finds those that are there."""
     files = " and ".join(shown(path) for path in ALWAYS)
@@ -145,8 +137,8 @@ def composed_files() -> list[File]:
     for part in parts.defaults:
         path = found_file(str(part.config_path))
         if path is not None and not str(part.config_path).startswith("hydra/"):
-            below = tuple(part.package.split(".")) if part.package else ()
-            found.append(File(path, below, content(path)))
+            below = f"{part.package}." if part.package else ""
+            found.append(File(path, part.package or "", {f"{below}{key}" for key in inner(content(path))}))
     return found
 
 

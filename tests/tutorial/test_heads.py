@@ -30,7 +30,7 @@ TRAINS = """
     import_code(node["policy"])
     assert not list(unknown(node, known(node, {})))
     node["policy"]["head"]["NAME"]["stepz"] = 3
-    assert list(unknown(node, known(node, {}))) == [("policy", "head", "NAME", "stepz")]
+    assert list(unknown(node, known(node, {}))) == ["policy.head.NAME.stepz"]
     del node["policy"]["head"]["NAME"]["stepz"]
     asked = read_experiment(node)
     out = Path(tempfile.mkdtemp())
