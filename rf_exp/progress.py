@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any, Self
 
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Task, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.segment import Segment
 from rich.table import Column
@@ -91,25 +91,22 @@ class Progress:
             console.print(f"{self._title}: {done} at {self._rate():.3g}/s{note}")
 
 
-class _Shortened(ProgressColumn):
+class _Shortened(TextColumn):
     """Words on one line, whose end is cut where they would push the counts off the screen."""
 
-    def __init__(self, field: str) -> None:
-        super().__init__()
-        self._field = field
-
     def render(self, task: Task) -> Text:
-        words = task.description if self._field == "title" else task.fields[self._field]
-        return Text(words, no_wrap=True, overflow="ellipsis")
+        words = super().render(task)
+        words.no_wrap, words.overflow = True, "ellipsis"
+        return words
 
 
 def _bar(title: str, total: int, done: int) -> Bar:
     columns = (  # those of a table that are not wrapped are not made narrower while others can be
-        _Shortened("title"),
+        _Shortened("{task.description}", markup=False, table_column=Column()),
         BarColumn(BAR_WIDTH, table_column=Column(no_wrap=True)),
         MofNCompleteColumn(table_column=Column(no_wrap=True)),
         TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
-        _Shortened("note"),
+        _Shortened("{task.fields[note]}", markup=False, table_column=Column()),
     )
     bar = Bar(*columns, console=console)
     bar.add_task(title, total=total, completed=done, note="")

@@ -117,11 +117,6 @@ def angle_between_rad(a: Direction, b: Direction) -> float:
     return atan2(sine, ax * bx + ay * by + az * bz)
 
 
-def rotation_angle_rad(a: Matrix, b: Matrix) -> float:
-    """The angle of the rotation that takes the orientation of `a` to that of `b`."""
-    return float(Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).magnitude())
-
-
 def interpolate(a: Matrix, b: Matrix, fraction: ArrayLike) -> NDArray[np.float64]:
     """Poses (..., 4, 4) at fractions (...) of the way from `a` to `b`: straight line, shortest rotation."""
     share = np.asarray(fraction, dtype=float)
