@@ -13,20 +13,7 @@ from rf_exp.statements import agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S
 from rf_exp.viz import Film, agent_colour, frames
-from rf_exp.viz.frames import (
-    GAP_PX,
-    INK,
-    LINE_PX,
-    SMALL_PX,
-    SOFT,
-    TEXT_PX,
-    blank,
-    font,
-    label,
-    scaled,
-    write,
-    write_lines,
-)
+from rf_exp.viz.frames import GAP_PX, INK, LINE_PX, SMALL_PX, SOFT, TEXT_PX
 
 TITLE_PX = 26  # size of letters
 THUMB_PX = (400, 300)  # a picture on the sheet of a task
@@ -43,20 +30,20 @@ def contact_sheet(task: Task, stills: Sequence[Still], seed: int) -> Image.Image
     block = height + GAP_PX + LINE_PX * len(task.agents) + 3 * GAP_PX
     top = 2 * GAP_PX + TITLE_PX + 3 * SMALL_PX
     size = (GAP_PX + len(cameras) * (width + GAP_PX), top + len(stills) * block)
-    sheet, draw = blank(size)
-    write(draw, (GAP_PX, GAP_PX), task.title, TITLE_PX)
-    write(draw, (GAP_PX, GAP_PX + TITLE_PX + 8), f"{_robots(task)}, scene seed {seed}", SMALL_PX, SOFT)
+    sheet, draw = frames.blank(size)
+    frames.write(draw, (GAP_PX, GAP_PX), task.title, TITLE_PX)
+    frames.write(draw, (GAP_PX, GAP_PX + TITLE_PX + 8), f"{_robots(task)}, scene seed {seed}", SMALL_PX, SOFT)
     for row, still in enumerate(stills):
         y = top + row * block
         for column, camera in enumerate(cameras):
             x = GAP_PX + column * (width + GAP_PX)
-            sheet.paste(scaled(still.pictures[camera], THUMB_PX), (x, y))
+            sheet.paste(frames.scaled(still.pictures[camera], THUMB_PX), (x, y))
             if camera == "global":
-                label(draw, (x, y), f"{still.title}, {still.time_s:.1f} s", INK)
+                frames.label(draw, (x, y), f"{still.title}, {still.time_s:.1f} s", INK)
             else:
                 agent = int(camera.removeprefix("agent"))
-                label(draw, (x, y), f"view of {agent_name(agent)}", agent_colour(agent))
-        write_lines(draw, (GAP_PX, y + height + GAP_PX), _marked(still.lines))
+                frames.label(draw, (x, y), f"view of {agent_name(agent)}", agent_colour(agent))
+        frames.write_lines(draw, (GAP_PX, y + height + GAP_PX), _marked(still.lines))
     return sheet
 
 
@@ -64,27 +51,27 @@ def strip(task: Task, performance: Performance) -> Image.Image:
     """Start, middle and end of an episode beside one another, from near, with the subgoals below."""
     stills, (width, height) = performance.stills, TILE_PX
     size = (len(stills) * (width + GAP_PX) - GAP_PX, height + GAP_PX + LINE_PX * len(task.agents))
-    sheet, draw = blank(size)
+    sheet, draw = frames.blank(size)
     for column, still in enumerate(stills):
         x = column * (width + GAP_PX)
         sheet.paste(_near(still, performance.part), (x, 0))
-        label(draw, (x, 0), f"{still.title}, {still.time_s:.1f} s", INK)
-        write_lines(draw, (x, height + GAP_PX), _marked(still.lines))
+        frames.label(draw, (x, 0), f"{still.title}, {still.time_s:.1f} s", INK)
+        frames.write_lines(draw, (x, height + GAP_PX), _marked(still.lines))
     return sheet
 
 
 def panel(task: Task, performance: Performance) -> Image.Image:
     """One task on the sheet of all: its global view from near when most are at work, and what is asked."""
     width, height = TILE_PX
-    sheet, draw = blank((width, height + 2 * GAP_PX + TITLE_PX + CAPTION_LINES * LINE_PX))
+    sheet, draw = frames.blank((width, height + 2 * GAP_PX + TITLE_PX + CAPTION_LINES * LINE_PX))
     sheet.paste(_near(performance.stills[1], performance.part), (0, 0))
-    write(draw, (2, height + GAP_PX), task.title, TITLE_PX)
-    title_px = int(draw.textlength(task.title, font(TITLE_PX)))
-    write(draw, (title_px + 14, height + GAP_PX + 8), _robots(task), TEXT_PX, SOFT)
+    frames.write(draw, (2, height + GAP_PX), task.title, TITLE_PX)
+    title_px = int(draw.textlength(task.title, frames.font(TITLE_PX)))
+    frames.write(draw, (title_px + 14, height + GAP_PX + 8), _robots(task), TEXT_PX, SOFT)
     # What lies there is in the picture; who does what comes after it.
     asked = task.description.partition(". ")[2] or task.description
     for row, line in enumerate(textwrap.wrap(asked, CAPTION, max_lines=CAPTION_LINES, placeholder=" ...")):
-        write(draw, (2, height + 2 * GAP_PX + TITLE_PX + row * LINE_PX), line, TEXT_PX, INK)
+        frames.write(draw, (2, height + 2 * GAP_PX + TITLE_PX + row * LINE_PX), line, TEXT_PX, INK)
     return sheet
 
 
@@ -97,7 +84,7 @@ def overview(panels: Sequence[Image.Image]) -> Image.Image:
     """All tasks on one sheet."""
     columns, gap = min(COLUMNS, len(panels)), 2 * GAP_PX
     width, height = panels[0].width + gap, panels[0].height + gap
-    sheet, _ = blank((gap + columns * width, gap + ceil(len(panels) / columns) * height))
+    sheet, _ = frames.blank((gap + columns * width, gap + ceil(len(panels) / columns) * height))
     for index, each in enumerate(panels):
         row, column = divmod(index, columns)
         sheet.paste(each, (gap + column * width, gap + row * height))
