@@ -1,5 +1,5 @@
 from .film import RolloutFilm as RolloutFilm
-from .onlooker import Onlooker as Onlooker
+from .film import follow as follow
 from .recorders import EpisodeRecorder as EpisodeRecorder
 from .recorders import RolloutRecorder as RolloutRecorder
 from .recorders import check_result as check_result

@@ -8,6 +8,7 @@ from PIL import Image
 
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
+from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene
 from rf_exp.viz import HOLDS, VIOLATED, Film, agent_colour, text
 from rf_exp.viz.frames import INK, SOFT, Line, Mark, frame
@@ -68,3 +69,10 @@ def _lines(step: RolloutStep) -> list[Line]:
         said = text.withheld(step.withheld)
         lines.append(Line(said, VIOLATED if step.withheld else HOLDS, INK if step.withheld else SOFT))
     return lines
+
+
+def follow(world: Simulator, step: RolloutStep) -> None:
+    """Puts arms and things of another simulator where they were measured in a step; nothing is simulated."""
+    poses = {**step.scene.poses, **step.scene.clutter}
+    placed = {name: np.array(position_and_quaternion(pose)) for name, pose in poses.items()}
+    world.place(step.scene.qpos, placed)

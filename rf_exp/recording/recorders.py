@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 import trimesh
@@ -30,32 +29,24 @@ TABLE_COLOUR = (0.45, 0.40, 0.35)
 CAMERAS = "cameras"  # owner of the voxels that they see
 
 
-class SceneRecorder:
-    """Records scenes; a context manager. The file is complete also when the body ends in an exception."""
+class SceneRecorder(Recorder):
+    """Records scenes of a task, as a simulator shows them."""
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str, panels: Panels) -> None:
-        self._moving = [name for name in world.cameras if task.cameras[name].mount == "wrist"]
         self._task, self._world = task, world
         self._arms = tuple(task.arms.values())
-        self._recorder = Recorder(
+        self._scene: Scene | None = None  # as seen last
+        super().__init__(
             path,
             task=task.name,
             title=title,
             agents=len(task.agents),
             cameras=world.camera_models(),
             meshes=_meshes(task),
-            moving=self._moving,
+            moving=[name for name in world.cameras if task.cameras[name].mount == "wrist"],
             panels=panels,
             robots=[robot.model for robot in task.robots],
         )
-        self._scene: Scene | None = None  # as seen last
-
-    def __enter__(self) -> Self:
-        self._recorder.__enter__()
-        return self
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        self._recorder.__exit__(kind, error, trace)
 
     def look(
         self,
@@ -73,7 +64,7 @@ class SceneRecorder:
             }
         for name in self._moving:
             poses[camera_entity(name)] = self._world.camera_models()[name].world_from_camera
-        self._recorder.step(scene.step, poses=poses, qpos=scene.qpos, action=action, pictures=pictures)
+        self.step(scene.step, poses=poses, qpos=scene.qpos, action=action, pictures=pictures)
         if scene.step % OCCUPANCY_EVERY == 0:
             self._occupancy(scene)
 
@@ -85,9 +76,9 @@ class SceneRecorder:
         for agent, held in zip(self._task.agents, scene.held, strict=True):
             occupied = [voxels(planning_scene.measured(agent))]
             occupied += [objects[held]] if held is not None else []
-            self._recorder.occupancy(f"agent{agent}", centres_m(np.unique(np.concatenate(occupied), axis=0)))
+            self.occupancy(f"agent{agent}", centres_m(np.unique(np.concatenate(occupied), axis=0)))
         for name, occupied in objects.items():
-            self._recorder.occupancy(name, None if name in scene.held else centres_m(occupied))
+            self.occupancy(name, None if name in scene.held else centres_m(occupied))
 
     def _hands_m(self, agents: tuple[int, ...]) -> NDArray[np.float64]:
         """(K, 3) tool centre points of some agents, as seen last."""
@@ -123,7 +114,7 @@ def _object(task: Task, name: str) -> Mesh:
 
 
 class EpisodeRecorder(SceneRecorder):
-    """Records one episode; an observer of the generation loop, a context manager."""
+    """Records one episode; an observer of the generation loop."""
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
         super().__init__(path, task, world, title, "plan")
@@ -134,18 +125,16 @@ class EpisodeRecorder(SceneRecorder):
     def planned(self, plan: Planned) -> None:
         """Proposal, check code, the evidence of every check, the diagrams, and what the cameras saw."""
         self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
-        self._recorder.proposal(plan.proposal)
-        self._recorder.checked(check_results(plan.checked))
+        self.proposal(plan.proposal)
+        self.checked(check_results(plan.checked))
         paths = plan.checked.plan.paths
         if paths.scene.seen is not None:
-            self._recorder.occupancy(CAMERAS, centres_m(paths.scene.seen))
-        self._recorder.coordination(
-            plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, paths)
-        )
+            self.occupancy(CAMERAS, centres_m(paths.scene.seen))
+        self.coordination(plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, paths))
 
     def rejected(self, violation: Violation) -> None:
         """A violation, marked at the hands of the agents involved; it ends what was going on."""
-        self._recorder.violation(violation, self._hands_m(violation.agents))
+        self.violation(violation, self._hands_m(violation.agents))
         self._plan = None
         for agent in self._task.agents:
             self._do(agent, "", "")
@@ -158,7 +147,7 @@ class EpisodeRecorder(SceneRecorder):
         if self._plan is None:
             return
         schedule, step = self._plan.schedule, scene.step - self._since + 1  # of the plan, the first being 1
-        self._recorder.positions(schedule.positions[min(step, len(schedule))])
+        self.positions(schedule.positions[min(step, len(schedule))])
         for trajectory in self._plan.trajectories:
             now = activity(trajectory, schedule, step)
             subgoal, primitive = "", ""
@@ -169,7 +158,7 @@ class EpisodeRecorder(SceneRecorder):
     def _do(self, agent: int, subgoal: str, primitive: str) -> None:
         if self._doing.get(agent, ("", "")) != (subgoal, primitive):
             self._doing[agent] = subgoal, primitive
-            self._recorder.motion(agent, subgoal, primitive)
+            self.motion(agent, subgoal, primitive)
 
 
 def check_results(checked: CheckedPlan) -> tuple[CheckResult, ...]:
@@ -179,16 +168,8 @@ def check_results(checked: CheckedPlan) -> tuple[CheckResult, ...]:
 
 def check_result(check: Check, evidence: Evidence) -> CheckResult:
     """A check with its evidence, ready to be shown."""
-    return CheckResult(
-        repr(check),
-        check.text,
-        evidence.ok,
-        evidence.value,
-        evidence.bound,
-        check.unit,
-        evidence.time_s,
-        evidence.sentence,
-    )
+    found = evidence.value, evidence.bound, check.unit, evidence.time_s, evidence.sentence
+    return CheckResult(repr(check), check.text, evidence.ok, *found)
 
 
 def orders(checker: RoboChecker, paths: Paths) -> Mapping[tuple[int, int], Mask]:
@@ -200,7 +181,7 @@ def orders(checker: RoboChecker, paths: Paths) -> Mapping[tuple[int, int], Mask]
 
 
 class RolloutRecorder(SceneRecorder):
-    """Records one rollout; an observer of the rollout loop, a context manager."""
+    """Records one rollout; an observer of the rollout loop."""
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
         super().__init__(path, task, world, title, "rollout")
@@ -222,17 +203,17 @@ class RolloutRecorder(SceneRecorder):
     def rolled(self, step: RolloutStep) -> None:
         """One control step."""
         for agent, chunk in step.predicted.items():  # made before the step, from where the hands were
-            self._recorder.predicted(agent, step.scene.step, chunk)
+            self.predicted(agent, step.scene.step, chunk)
             ahead = self._arms[agent - 1].tcp(chunk)[:, :3, 3]
-            self._recorder.path(agent, "predicted", ahead)
+            self.path(agent, "predicted", ahead)
         pictures = self._world.images() if step.scene.step % PICTURES_EVERY == 0 else None
         self.look(step.scene, step.action, pictures)
         if step.detections != self._detections:
             self._detections = step.detections
-            self._recorder.detections(step.detections)
+            self.detections(step.detections)
         for agent in self._task.agents:
             self._trails[agent].append(self._hands_m((agent,))[0])
-            self._recorder.path(agent, "done", np.array(self._trails[agent]))
+            self.path(agent, "done", np.array(self._trails[agent]))
         if step.scene.step % DISTANCES_EVERY == 0:
             self._distances(step.scene)
         self._contacts(step.scene)
@@ -242,20 +223,20 @@ class RolloutRecorder(SceneRecorder):
             self._state(f"agent {agent}", goes_on, step.scene.step, ("goes on", "waits"))
             if self._doing.get(agent) != number:
                 self._doing[agent] = number
-                self._recorder.note(f"agent {agent} takes itself to be at its subgoal {number + 1}")
+                self.note(f"agent {agent} takes itself to be at its subgoal {number + 1}")
         if step.violation is not None and not self._violated:
-            self._recorder.violation(step.violation, self._hands_m(step.violation.agents))
+            self.violation(step.violation, self._hands_m(step.violation.agents))
         self._violated = step.violation is not None
 
     def ended(self, result: Rollout) -> None:
         """The verdict on the whole."""
-        self._recorder.judged(Markdown(f"{text.outcome(result)}\n\n{self._table}"))
-        self._recorder.note(f"{'success' if result.success else result.reason}, step {result.steps}")
+        self.judged(Markdown(f"{text.outcome(result)}\n\n{self._table}"))
+        self.note(f"{'success' if result.success else result.reason}, step {result.steps}")
 
     def _distances(self, scene: Scene) -> None:
         planning_scene = PlanningScene(self._task, scene)
         for a, b in combinations(self._task.agents, 2):
-            self._recorder.distance(a, b, planning_scene.between(a, b).distance_m)
+            self.distance(a, b, planning_scene.between(a, b).distance_m)
 
     def _contacts(self, scene: Scene) -> None:
         """Forces between arms, and of fingers on objects."""
@@ -266,7 +247,7 @@ class RolloutRecorder(SceneRecorder):
         }
         forces |= {f"{who} on {name}": force for who, name, force in scene.clutter_contacts}
         for what in sorted(self._pushes | forces.keys()):
-            self._recorder.contact(what, forces.get(what, 0.0))
+            self.contact(what, forces.get(what, 0.0))
         self._pushes |= forces.keys()
         if len(self._task.agents) > 1:
             self._state("arms apart", not scene.arm_contacts, scene.step, ("holds", "touching"))
@@ -277,11 +258,9 @@ class RolloutRecorder(SceneRecorder):
         for name in self._task.objects:
             self._state(f"{name} at hand", name not in verdict.lost, scene.step, ("holds", "lost"))
         for name, found in verdict.measured.items():
-            self._recorder.margin(
-                f"{name} ({found.asked} {found.unit})", min(found.value / found.bound, HIGHEST)
-            )
+            self.margin(f"{name} ({found.asked} {found.unit})", min(found.value / found.bound, HIGHEST))
         self._table = text.conditions(verdict, self._since)
-        self._recorder.judged(self._table)
+        self.judged(self._table)
 
     def _shielded(self, step: RolloutStep) -> None:
         """A lane that tells when a shield keeps an arm from its command; in the log, whom and why."""
@@ -290,11 +269,11 @@ class RolloutRecorder(SceneRecorder):
         self._state("shield", not step.withheld, step.scene.step, ("holds", "steps in"))
         said = text.withheld(step.withheld)
         if step.withheld and said != self._withheld:
-            self._recorder.note(said)
+            self.note(said)
         self._withheld = said
 
     def _state(self, name: str, holds: bool, step: int, states: tuple[str, str]) -> None:
         """A lane changes where a condition does."""
         if self._evidence.get(name) is not holds:
             self._evidence[name], self._since[name] = holds, step
-            self._recorder.condition(name, holds, f"{name}: {states[0] if holds else states[1]}", states)
+            self.condition(name, holds, f"{name}: {states[0] if holds else states[1]}", states)

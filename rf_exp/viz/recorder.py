@@ -82,7 +82,7 @@ class Recorder:
         for name in moving:
             if name not in cameras:
                 raise choices("moving camera", name, cameras)
-        self._moving = frozenset(moving)
+        self._moving = tuple(moving)
         self._posed = {*meshes, *map(camera_entity, moving)}  # entities that a step may place
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
         self._styled: set[str] = set()  # entities that have their style
