@@ -186,11 +186,6 @@ class Experiment:
     def _rounds(self) -> str:
         return f"+dagger{self.dagger.rounds}" if self.dagger.rounds else ""
 
-    @property
-    def corrected(self) -> str:
-        """Behind the title of a stage: how often the expert has corrected the policies."""
-        return f", correction {self.dagger.rounds}" if self.dagger.rounds else ""
-
     def after(self, rounds: int) -> "Experiment":
         """The same experiment, of which so many rounds of correction are over."""
         return replace(self, dagger=replace(self.dagger, rounds=rounds))

@@ -7,22 +7,13 @@ holds the right to it, and one that is there was made alike.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
+from rf_exp import artifacts
 from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows, rows_file
-from rf_exp.artifacts import (
-    configuration_file,
-    expect_same,
-    locked,
-    plain,
-    read_json,
-    sweep,
-    without,
-    write_json,
-)
 from rf_exp.datagen import COORDINATOR_VERSION, Settings, generator_version
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError, StageError
@@ -55,9 +46,7 @@ class Cell:
     @property
     def arch(self) -> Arch:
         """The architecture of its policies. Only cells of policies are asked for it."""
-        assert self.chosen_arch is not None, (
-            f"{self.place} is a cell of demonstrations, without an architecture"
-        )
+        assert self.chosen_arch is not None, f"{self.place} is a cell of demonstrations"
         return self.chosen_arch
 
     @property
@@ -78,7 +67,8 @@ class Cell:
 
     def title(self, stage: str) -> str:
         """What a stage calls it on the terminal, e.g. `train lift_barrier/full/separate_local`."""
-        return f"{stage} {self.place}" + (self.experiment.corrected if self.chosen_arch else "")
+        rounds = self.experiment.dagger.rounds if self.chosen_arch else 0
+        return f"{stage} {self.place}" + (f", correction {rounds}" if rounds else "")
 
     @property
     def data_path(self) -> Path:
@@ -110,10 +100,8 @@ class Cell:
     @property
     def redrawn_path(self) -> Path:
         """The store of demonstrations of which each is drawn several times."""
-        drawn = f"{self.experiment.demos}x{self.experiment.appearances}"
-        if self.experiment.dagger.rounds:
-            return self.corrected_path.with_stem(f"{self.corrected_path.stem}-{drawn}")
-        return self.data_path.with_stem(f"{self.data_path.stem}-{drawn}")
+        source = self.corrected_path if self.experiment.dagger.rounds else self.data_path
+        return source.with_stem(f"{source.stem}-{self.experiment.demos}x{self.experiment.appearances}")
 
     @property
     def corrected_path(self) -> Path:
@@ -135,10 +123,9 @@ class Cell:
     @property
     def evaluation_path(self) -> Path:
         """The rows of evaluation."""
-        how = self.experiment.method, self.experiment.learned_from, self.experiment.shield
-        how = *how, self.experiment.evaluated.name
-        rows = rows_file(self.task.name, self.constraint_set.name, self.arch.name, *how)
-        return self.experiment.out / rows
+        experiment, names = self.experiment, (self.task.name, self.constraint_set.name, self.arch.name)
+        how = experiment.method, experiment.learned_from, experiment.shield, experiment.evaluated.name
+        return experiment.out / rows_file(*names, *how)
 
     def recording_path(self, stage: str, seed: int) -> Path:
         """The recording of a scene of a stage."""
@@ -155,7 +142,7 @@ class Cell:
         """What decides the rows of generation."""
         settings = self.settings
         said = {
-            **without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
+            **artifacts.without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
             "task": self.task.name,
             "scene": self.task.identity,
             "version": self.task.version,
@@ -166,14 +153,14 @@ class Cell:
             said["told"] = [self.task.title, self.task.description, self.task.target_condition]
         if settings.brain.reads or self.experiment.occupancy == "depth":
             said["seen"] = self.experiment.pictures
-        return plain(said)
+        return artifacts.plain(said)
 
     def store_identity(self, pictures: Pictures) -> dict[str, Any]:
         """What decides demonstrations that hold those pictures."""
         size = (pictures.height, pictures.width) if pictures.render else (0, 0)
         return {
             **self.generation_identity,
-            **without(asdict(self.experiment.store), depth=False, segmentation=False),
+            **artifacts.without(asdict(self.experiment.store), depth=False, segmentation=False),
             "first_seed": self.experiment.seed,
             "cameras": [*pictures.of(len(self.task.agents))],
             "picture": [*size],
@@ -182,39 +169,35 @@ class Cell:
     def correction_identity(self, step_limit: int, policies: dict[str, Any]) -> dict[str, Any]:
         """What decides a round of correction of `policies`, which says what they were made of."""
         experiment = self.experiment
-        return plain(
-            {
-                **self.generation_identity,
-                "demos": experiment.demos,
-                "rollouts": experiment.dagger.rollouts,
-                "step_limit": step_limit,
-                "policies": policies,
-                "acting": experiment.policy.identity,
-            }
-        )
+        said = {
+            **self.generation_identity,
+            "demos": experiment.demos,
+            "rollouts": experiment.dagger.rollouts,
+            "step_limit": step_limit,
+            "policies": policies,
+            "acting": experiment.policy.identity,
+        }
+        return artifacts.plain(said)
 
     def evaluation_identity(self, step_limit: int) -> dict[str, Any]:
         """What decides evaluation, but for the policies, of which each training seed has its own."""
         experiment = self.experiment
-        aided: dict[str, Any] = {"shield": SHIELD_VERSION} if experiment.shield else {}
+        said: dict[str, Any] = {"shield": SHIELD_VERSION} if experiment.shield else {}
         if self.arch.coordinated:  # by plans that are made as those of undisturbed generation are
-            aided["coordinator"] = COORDINATOR_VERSION
             undisturbed = replace(self, experiment=replace(experiment, disturbance_rad=0.0))
-            aided["plans"] = undisturbed.generation_identity
-        who = {"policy": experiment.policy.identity, "training": experiment.training.identity}
+            said |= {"coordinator": COORDINATOR_VERSION, "plans": undisturbed.generation_identity}
+        said |= {
+            "task": self.task.name,
+            "scene": self.evaluated_task.identity,
+            "demos": experiment.learned_from,
+            "pictures": [experiment.pictures.width, experiment.pictures.height],
+            "step_limit": step_limit,
+        }
         if (foreign := experiment.foreign) is not None:
-            who = {"foreign": foreign.identity, "velocity_rad_s": experiment.limits.velocity_rad_s}
-        return plain(
-            {
-                **aided,
-                "task": self.task.name,
-                "scene": self.evaluated_task.identity,
-                "demos": experiment.learned_from,
-                "pictures": [experiment.pictures.width, experiment.pictures.height],
-                "step_limit": step_limit,
-                **who,
-            }
-        )
+            said |= {"foreign": foreign.identity, "velocity_rad_s": experiment.limits.velocity_rad_s}
+        else:
+            said |= {"policy": experiment.policy.identity, "training": experiment.training.identity}
+        return artifacts.plain(said)
 
 
 def cells(experiment: Experiment) -> Iterator[Cell]:
@@ -226,6 +209,18 @@ def cells(experiment: Experiment) -> Iterator[Cell]:
 def known_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
     """The rows in a file; none where it is not there yet."""
     return read_rows(path, kind) if path.exists() else ()
+
+
+def alike(kind: type[R], made: object) -> dict[str, Any]:
+    """Those fields of a row that an outcome or a rollout has by the same name."""
+    return {each.name: getattr(made, each.name) for each in fields(kind) if hasattr(made, each.name)}
+
+
+def evaluated(cell: Cell) -> list[EvaluationRow]:
+    """The rows of the cell's policies in the scenes of the experiment."""
+    scenes, of = cell.experiment.evaluation_seeds, (cell.experiment.train_seed, cell.task.version)
+    rows = known_rows(cell.evaluation_path, EvaluationRow)
+    return [row for row in rows if row.scene_seed in scenes and (row.train_seed, row.version) == of]
 
 
 @contextmanager
@@ -241,13 +236,13 @@ def owned(
     with ExitStack() as stack:
         try:
             artifact.parent.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(artifact.with_name(f".{artifact.name}.lock"), str(artifact)))
+            stack.enter_context(artifacts.locked(artifact.with_name(f".{artifact.name}.lock"), str(artifact)))
         except OSError as error:
             raise ArgumentError(
                 f"cannot write below {artifact.parent}: {error.strerror}; "
                 "choose another folder with out=FOLDER"
             ) from error
-        sweep(artifact.parent)
+        artifacts.sweep(artifact.parent)
         if configuration is not None:
             same_configuration(artifact, configuration, artifact.exists(), also)
         yield
@@ -257,15 +252,15 @@ def same_configuration(
     artifact: Path, configuration: Mapping[str, Any], made: bool, also: Sequence[Path] = ()
 ) -> None:
     """Records of what an artifact will be `made`, or compares. Raises StageError naming what differs."""
-    record = configuration_file(artifact)
+    record = artifacts.configuration_file(artifact)
     if not made:
-        write_json(record, configuration)
+        artifacts.write_json(record, configuration)
         return
     listed = ", ".join(map(str, [artifact, record, *(path for path in also if path.exists())]))
     remedy = f"delete {listed}, or choose another folder with out=FOLDER"
     if not record.exists():
         raise StageError(f"{artifact} is there, and {record} that says what it was made of is not; {remedy}")
-    expect_same(artifact, read_json(record, remedy), configuration, remedy)
+    artifacts.expect_same(artifact, artifacts.read_json(record, remedy), configuration, remedy)
 
 
 def continued(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rf_exp import recording
-from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
+from rf_exp.ablation import GenerationRow, append_row, row_of
 from rf_exp.artifacts import code, keep_text, plain, sweep, whole
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, generate, generator_version, make_episode
 from rf_exp.errors import ArgumentError, StageError
@@ -17,7 +17,7 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.sim import close_shared_simulator, shared_simulator
-from rf_exp.stages.cell import Cell, cells, known_rows, owned
+from rf_exp.stages.cell import Cell, alike, cells, known_rows, owned
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Description, Store, card
@@ -47,16 +47,15 @@ def generate_data(cell: Cell) -> int:
             pictured = replace(cell, experiment=replace(experiment, pictures=pictures))
             source = Shards(pictured, generate_data).attempts
         made = collect(cell, "generate", store, rows_path, span, enough, source)
-        for line in what_was_said(
-            cell, [row for row in known_rows(rows_path, GenerationRow) if row.seed in span]
-        ):
+        rows = known_rows(rows_path, GenerationRow)
+        for line in what_was_said(cell, [row for row in rows if row.seed in span]):
             console.print(f"{title}: {line}")
         keep_text(path.with_suffix(".md"), card(store))
         _record(cell, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(
                 f"{title}: only {made} of {len(span)} seeds succeeded, {enough} demonstrations were wanted; "
-                f"failed {_commonest(read_rows(rows_path, GenerationRow))}; the rows are in {rows_path}"
+                f"failed {_commonest(rows)}; the rows are in {rows_path}"
             )
         return made
 
@@ -148,18 +147,15 @@ def attempts(
 
 
 def _store(cell: Cell) -> Store:
-    experiment, task, path, there = cell.experiment, cell.task, cell.data_path, ()
-    if path.exists() and experiment.pictures.cameras != "all":
-        there = Store.open(path).cameras
-    pictures = _pictures(cell, there)
-    identity = cell.store_identity(pictures)
+    experiment, task, path = cell.experiment, cell.task, cell.data_path
     if path.exists():
+        identity = cell.store_identity(_pictures(cell, Store.open(path).cameras))
         return Store.open(path, identity, writable=True)
+    identity = cell.store_identity(experiment.pictures)
     cameras, (height, width) = identity["cameras"], identity["picture"]
-    disturbed = experiment.disturbance_rad > 0
-    description = _described(task, pictures, cameras, experiment.store)
+    description = _described(task, experiment.pictures, cameras, experiment.store)
     objects, robots = tuple(task.objects), [robot.model for robot in task.robots]
-    size = len(robots), cameras, height, width, objects, disturbed
+    size = len(robots), cameras, height, width, objects, experiment.disturbance_rad > 0
     return Store.create(path, identity, *size, description, robots)
 
 
@@ -211,26 +207,17 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
     """The row of one attempt under the constraints."""
     task = settings.task
     return GenerationRow(
+        **alike(GenerationRow, outcome) | {"wall_s": round(outcome.wall_s, 3)},
         task=task.name,
         constraints=settings.constraint_set.name,
         brain=settings.brain.label,
-        seed=outcome.seed,
-        success=outcome.success,
-        success_paper=outcome.success_paper,
-        steps=outcome.steps,
-        attempts=outcome.attempts,
-        wall_s=round(outcome.wall_s, 3),
         version=task.version,
-        violations=outcome.violations,
-        contacts=outcome.contacts,
         generator=generator_version(task),
         commit=code(),
         disturbance_rad=settings.disturbance_rad,
         delay_s=settings.delay_s,
-        account=outcome.account,
         variation=task.variation.name,
         drawn=drawn_of(task, outcome.seed),
-        dialogue=outcome.dialogue,
     )
 
 
