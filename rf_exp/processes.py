@@ -6,6 +6,7 @@ has nothing more to do waits for the next jobs of its parent: to start one costs
 """
 
 import ctypes
+import multiprocessing
 import os
 import pickle
 import signal
@@ -14,14 +15,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import (
-    get_all_start_methods,
-    get_context,
-    get_start_method,
-    parent_process,
-    resource_tracker,
-    set_start_method,
-)
+from multiprocessing import parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -37,7 +31,7 @@ PASSING = frozenset({"WANDB_SERVICE", "PYTEST_CURRENT_TEST"})
 SHELL_SIGNAL = 128  # a shell reports death by signal n as exit code 128 + n
 
 # Spawned: a fork would inherit the renderer and the threads of this process.
-_CONTEXT = get_context("spawn")
+_CONTEXT = multiprocessing.get_context("spawn")
 _PR_SET_PDEATHSIG = 1
 
 
@@ -256,8 +250,9 @@ def _birth(one_thread: bool) -> Iterator[None]:
     # Without this every process starts a thread for each core.
     names = ("OMP_NUM_THREADS", "LP_NUM_THREADS") if one_thread else ()
     missing = [name for name in names if name not in os.environ]
-    if get_start_method(allow_none=True) not in (None, *get_all_start_methods()):
-        set_start_method("spawn", force=True)  # in a process of loky: children are told, and do not know, its
+    if multiprocessing.get_start_method(True) not in (None, *multiprocessing.get_all_start_methods()):
+        # In a process of loky: children are told its method, and do not know that one.
+        multiprocessing.set_start_method("spawn", force=True)
     resource_tracker.ensure_running()  # which would start with the first child, and unblock SIGINT by that
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.update(dict.fromkeys(missing, "1"))

@@ -14,17 +14,11 @@ from rf_exp.errors import StageError
 from rf_exp.stages.cell import Cell
 
 ResultRow = GenerationRow | EvaluationRow
+Log = Callable[[int, Mapping[str, float]], None]
 TOLD = (  # of the experiment, beside what a run is about
     *("recipe", "demos", "episodes", "seed", "train_seed", "scenes"),
     *("attempts", "occupancy", "name", "shield"),
 )
-
-
-@contextmanager
-def curve_log(cell: Cell, view: str) -> "Iterator[Callable[[policy.Curve], None]]":
-    """A function that logs a row of the training curves of one policy."""
-    with _run(cell, "train", view) as log:
-        yield lambda curve: log(curve.step, asdict(curve))
 
 
 @contextmanager
@@ -40,7 +34,7 @@ def rate_log(
         rates.add(result)
         log(rates.rows, rates.figures())
 
-    with _run(cell, stage) as log:
+    with run_log(cell, stage) as log:
         yield add
 
 
@@ -71,7 +65,7 @@ class Rates:
 
 
 @contextmanager
-def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapping[str, float]], None]]:
+def run_log(cell: Cell, stage: str, view: str = "") -> Iterator[Log]:
     """A function that logs figures at a step. What logs nothing gets no run."""
     experiment = cell.experiment
     if experiment.wandb == "disabled":
@@ -140,9 +134,9 @@ def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
 
 
 class Follower:
-    """Reads the curves of a policy while another process trains it; hands every new row to `log`."""
+    """Reads the curves of a policy while another process trains it; every new row goes to `log`."""
 
-    def __init__(self, path: Path, log: "Callable[[policy.Curve], None]") -> None:
+    def __init__(self, path: Path, log: Log) -> None:
         self._path, self._log, self._step = path, log, 0
         self._step = max((curve.step for curve in self._rows()), default=0)  # an earlier run's are old
 
@@ -150,7 +144,7 @@ class Follower:
         """The rows that have come since the last call, each with the steps since the row before it."""
         for curve in self._rows():
             steps, self._step = curve.step - self._step, curve.step
-            self._log(curve)
+            self._log(curve.step, asdict(curve))
             yield curve, steps
 
     def _rows(self) -> "list[policy.Curve]":

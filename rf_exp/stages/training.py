@@ -29,7 +29,7 @@ from rf_exp.progress import Progress, console
 from rf_exp.stages.cell import Cell, continued, owned
 from rf_exp.stages.evaluation import acting, learned, scene_of
 from rf_exp.stages.generation import attempts, collect
-from rf_exp.stages.logs import Follower, curve_log
+from rf_exp.stages.logs import Follower, run_log
 from rf_exp.stages.redrawing import redraw
 from rf_exp.store import Store, card
 from rf_exp.types import CORRECTION, Rollout, RolloutStep
@@ -62,10 +62,9 @@ def train_policies(cell: Cell) -> None:
             large = experiment.policy.encoder.large
             threads = max(1, (os.cpu_count() or 1) // processes) if large else 1
             made_with = demos, experiment.policy, config, threads
-            followers = [
-                Follower(folder / view.name / CURVES, stack.enter_context(curve_log(now, view.name)))
-                for view in views
-            ]
+            logs = [stack.enter_context(run_log(now, "train", view.name)) for view in views]
+            curves = [folder / view.name / CURVES for view in views]
+            followers = list(map(Follower, curves, logs))
             jobs = [partial(_train, data, view, folder / view.name, *made_with) for view in views]
             with Progress(title, 1, "steps") as progress:
                 follow = partial(_follow, followers, progress)

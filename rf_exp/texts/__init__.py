@@ -4,25 +4,6 @@ Relative imports: `rf_exp-client` packages these files under its own name.
 """
 
 from . import markdown
-from .plain import (
-    LONGEST_ERROR,
-    LONGEST_LINE,
-    LONGEST_OUTPUT,
-    MISSING,
-    one_line,
-    printable,
-    shown,
-    visible,
-)
+from .plain import LONGEST_ERROR, LONGEST_LINE, one_line, printable, shown, visible
 
-__all__ = [
-    "LONGEST_ERROR",
-    "LONGEST_LINE",
-    "LONGEST_OUTPUT",
-    "MISSING",
-    "markdown",
-    "one_line",
-    "printable",
-    "shown",
-    "visible",
-]
+__all__ = ["LONGEST_ERROR", "LONGEST_LINE", "markdown", "one_line", "printable", "shown", "visible"]
