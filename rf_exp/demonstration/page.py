@@ -1,18 +1,23 @@
-"""A demonstration as a page with its pictures and formulas; templates/page.md says how it reads."""
+"""A demonstration as a page with its pictures and formulas; templates/page.md says how it reads.
+
+The same as HTML has anchors, by which its parts are reached from the top.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from math import inf
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import cv2
+from markdown_it import MarkdownIt
 
 from rf_exp.artifacts import rendered, whole, write_text
 from rf_exp.constraints import CheckedPlan
 from rf_exp.constraints.stl import Execution, installed, judged, signals
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
-from rf_exp.demonstration.webpage import webpage
 from rf_exp.findings import Violation
 from rf_exp.statements import Statement
 from rf_exp.texts.markdown import Markdown, block, cell, code, table
@@ -21,7 +26,8 @@ from rf_exp.types import CONTROL_DT_S, ConstraintSet
 from rf_exp.viz import text
 from rf_exp.viz.text import CheckResult
 
-TEMPLATE = Path(__file__).with_name("templates") / "page.md"
+TEMPLATES = Path(__file__).with_name("templates")
+READER = MarkdownIt("commonmark").enable("table")
 FIGURES = {
     "lanes": "Who does what when",
     "diagrams": "Coordination diagrams: the schedule of each pair of agents",
@@ -67,7 +73,7 @@ def write_page(
     plans: Sequence[Mapping[str, Any]],
     end: Picture | None,
 ) -> None:
-    """Writes `path` (.md), the same for a browser (.html), and a folder of the same name with the pictures.
+    """Writes `path` (.md) of a success, as .html too, and a folder of the same name with the pictures.
 
     `plans`: of each round that was executed what it is in signal temporal logic.
     """
@@ -76,7 +82,7 @@ def write_page(
     known = [None, *(each.violation for each in rounds)]
     executed = iter(plans)
     page = rendered(
-        TEMPLATE,
+        TEMPLATES / "page.md",
         text=text,
         block=block,
         code=code,
@@ -90,7 +96,7 @@ def write_page(
             "brain": settings.brain.name,
             "rounds": len(rounds),
             "length": f"{outcome.steps} control steps, {outcome.steps * CONTROL_DT_S:.2f} s",
-            "success": "yes" if outcome.success else f"no: {outcome.reason}",
+            "success": "yes",
         },
         recording=path.with_suffix(".rrd").name,
         rounds=[
@@ -99,23 +105,33 @@ def write_page(
             for k, each in enumerate(rounds, 1)
         ],
         data=path.with_suffix(".json").name,
-        succeeded=outcome.success,
-        end=_picture(
-            folder, "end.jpg", end if outcome.success else None, "The end, seen by the global camera"
-        ),
+        end=_picture(folder, "end.jpg", end, "The end, seen by the global camera"),
     )
     write_text(path, page)
     write_text(path.with_suffix(".html"), webpage(page))
+
+
+def webpage(page: str) -> str:
+    """The page with its pictures beside it. What others say on it is escaped before it comes here."""
+    tokens = READER.parse(page)
+    title, parts = "", []
+    for heading, content in pairwise(tokens):
+        said = "".join(each.content for each in content.children or ())
+        if heading.type == "heading_open" and heading.tag == "h1":
+            title = said
+        elif heading.type == "heading_open" and heading.tag == "h2":
+            parts.append((anchor := f"part-{len(parts) + 1}", said))
+            heading.attrSet("id", anchor)
+    body = READER.renderer.render(tokens, READER.options, {})
+    return rendered(TEMPLATES / "page.html", title=title, parts=parts, body=body)
 
 
 def _round(
     folder: Path, number: int, made: Round, feedback: Violation | None, constraint_set: ConstraintSet
 ) -> dict[str, Any]:
     """A round, with what is to be said about it."""
-    drawn = (
-        _picture(folder, f"round-{number}-{name}.png", made.figures.get(name), caption)
-        for name, caption in FIGURES.items()
-    )
+    names = {name: f"round-{number}-{name}.png" for name in made.figures}
+    drawn = [_picture(folder, names[key], made.figures[key], FIGURES[key]) for key in names]
     reached = [phase for phase in made.phases if phase.reached]
     return {
         "made": made,
@@ -123,7 +139,7 @@ def _round(
         "told": f", told of the violated {feedback.check}," if feedback is not None else "",
         "stated": _stated(made, constraint_set),
         "calls": [] if made.code is None else [repr(check) for check in made.code.of(constraint_set)],
-        "figures": [each for each in drawn if each is not None],
+        "figures": drawn,
         "phases": [_phase(folder, number, index, phase, made) for index, phase in enumerate(reached)],
     }
 
@@ -140,12 +156,12 @@ def _formulas(checks: Sequence[Mapping[str, Any]]) -> Markdown:
 
 
 def _judged(formula: Mapping[str, Any]) -> tuple[str, str]:
+    if formula["holds"] is None:
+        return code("pip install 'rf_exp[stl]'"), ""
+    found = "nothing was judged"
     if formula["robustness"] is not None:
         found = cell(text.quantity(formula["robustness"], formula["unit"]))
-    else:
-        found = code("pip install 'rf_exp[stl]'") if formula["holds"] is None else "nothing was judged"
-    verdict = "" if formula["holds"] is None else "holds" if formula["holds"] else "**violated**"
-    return found, verdict
+    return found, "holds" if formula["holds"] else "**violated**"
 
 
 def _stated(made: Round, constraint_set: ConstraintSet) -> list[tuple[Statement, Markdown]]:
@@ -165,22 +181,17 @@ def _stated(made: Round, constraint_set: ConstraintSet) -> list[tuple[Statement,
 
 def _phase(folder: Path, of: int, index: int, phase: Phase, made: Round) -> dict[str, Any]:
     """A phase, with the checks that are decided in it; its number is of its round and of its own."""
-    later = made.phases[index + 1 : index + 2]
-    ends_s = later[0].begins_s if later else None
+    later = made.phases[index + 1 :]
+    begins_s, ends_s = phase.begins_s if index else -inf, later[0].begins_s if later else inf
 
     def within(results: Iterable[CheckResult]) -> list[CheckResult]:
-        """The checks that are decided in this phase; the last one takes what comes after it."""
-        first = phase is made.phases[0]
-        return [
-            each
-            for each in results
-            if (first or each.time_s >= phase.begins_s) and (ends_s is None or each.time_s < ends_s)
-        ]
+        """The checks that are decided in this phase; the first one and the last one take all beyond."""
+        return [each for each in results if begins_s <= each.time_s < ends_s]
 
     number = f"{of}.{index + 1}"
     return {
         "number": number,
-        "span": f"from {phase.begins_s:.2f} s" + (f" to {ends_s:.2f} s" if ends_s is not None else ""),
+        "span": f"from {phase.begins_s:.2f} s" + (f" to {ends_s:.2f} s" if later else ""),
         "picture": _picture(folder, f"phase-{number}.jpg", phase.picture, f"The beginning of phase {number}"),
         "goals": phase.goals,
         "planned": within(made.results),

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rf_exp.demonstration.webpage import webpage
+from rf_exp.demonstration.page import webpage
 from rf_exp.texts.markdown import block, cell, code, table, text
 from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, Skeleton, skeleton, structure
 
