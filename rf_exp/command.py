@@ -52,8 +52,7 @@ def register_all_tasks() -> None:
 
 
 class _Told(KeyboardInterrupt):
-    def __init__(self, number: int) -> None:
-        self.number = signal.Signals(number)
+    """A signal, its argument, that ends the command."""
 
 
 def guarded(job: Callable[[], None]) -> int:
@@ -74,8 +73,9 @@ def guarded(job: Callable[[], None]) -> int:
             finally:  # Hydra leaves by SystemExit where it has shown its help
                 sys.stdout.flush()
     except _Told as told:
-        complaints.print(f"ended by {told.number.name}; the same command goes on from here")
-        return SHELL_SIGNAL + told.number
+        (number,) = told.args
+        complaints.print(f"ended by {number.name}; the same command goes on from here")
+        return SHELL_SIGNAL + number
     except KeyboardInterrupt:
         complaints.print("interrupted; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGINT
@@ -127,6 +127,7 @@ def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Calla
 
         @functools.wraps(main)
         def run() -> None:
+            register_all_tasks()
             sys.argv[1:] = arranged(sys.argv[1:])
             by_hydra(explained(main))()
 
@@ -222,7 +223,7 @@ def _told() -> Iterator[None]:
 
     def tell(number: int, _: object) -> None:
         signal.signal(number, signal.SIG_DFL)
-        raise _Told(number)
+        raise _Told(signal.Signals(number))
 
     both = signal.SIGTERM, signal.SIGHUP
     numbers = [number for number in both if signal.getsignal(number) is signal.SIG_DFL]  # not so below nohup

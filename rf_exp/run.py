@@ -10,10 +10,8 @@ import sys
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from rf_exp.command import composed, guarded, register_all_tasks, settled
+from rf_exp.command import composed, guarded, settled
 from rf_exp.errors import StageError
-
-register_all_tasks()
 
 
 @composed("config")

@@ -12,11 +12,9 @@ import sys
 from omegaconf import DictConfig
 
 from rf_exp import gallery
-from rf_exp.command import composed, guarded, register_all_tasks, settled
+from rf_exp.command import composed, guarded, settled
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import read_experiment
-
-register_all_tasks()
 
 
 @composed("gallery")

@@ -13,12 +13,10 @@ import sys
 from omegaconf import DictConfig
 
 from rf_exp import laws
-from rf_exp.command import composed, guarded, register_all_tasks, settled
+from rf_exp.command import composed, guarded, settled
 from rf_exp.errors import StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
-
-register_all_tasks()
 
 
 @composed("laws")
