@@ -81,15 +81,16 @@ class Experiment:
     evaluated: Variation  # of the scenes of evaluation; tasks have that of the demonstrations
 
     def __post_init__(self) -> None:
-        check_file_name("name", self.name)
-        check_file_name("recipe", self.recipe)
-        check_file_name("learned_as", self.learned_as)
-        chosen = {"task": self.tasks, "constraints": self.constraint_sets, "arch": self.archs}
-        for kind, those in chosen.items():
+        for key in ("name", "recipe", "learned_as"):
+            check_file_name(key, getattr(self, key))
+        for kind, those in (
+            ("task", self.tasks),
+            ("constraints", self.constraint_sets),
+            ("arch", self.archs),
+        ):
             for each in those:
                 check_file_name(kind, each.name)
-        unknown = [stage for stage in self.stages if stage not in STAGES]
-        if unknown:
+        if unknown := [stage for stage in self.stages if stage not in STAGES]:
             raise ArgumentError(f"unknown stage {unknown[0]!r}; available: {', '.join(STAGES)}")
         lowest = dict.fromkeys(("seed", "films", "train_seed"), 0)
         lowest |= dict.fromkeys(("demos", "workers", "seed_limit_s", "attempts", "scenes", "appearances"), 1)
@@ -263,20 +264,10 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             _refuse_demos_without_effect(experiment)
         borrowed = Borrowed(**{each.name: node[each.name] for each in fields(Borrowed)})
         drawn, variation = node["randomisation"], read_values(Variation, node["variation"], "variation.")
-        tasks = (  # last: their things are built, which takes longer than all the rest
-            replace(
-                load_task(
-                    name,
-                    {**task, "randomisation": drawn | task.get("randomisation", {})},
-                    node["arms"],
-                    node["things"],
-                    node["robot"],
-                    borrowed,
-                ),
-                variation=variation,
-            )
-            for name, task in node["task"].items()
-        )
+        of_all, tasks = (node["arms"], node["things"], node["robot"], borrowed), []
+        for name, task in node["task"].items():  # last: their things take longer to build than all the rest
+            own = {**task, "randomisation": drawn | task.get("randomisation", {})}
+            tasks.append(replace(load_task(name, own, *of_all), variation=variation))
         experiment = replace(experiment, tasks=tuple(tasks))
         if isinstance(experiment.brain, FaultySpec) and "generate" in experiment.stages:
             for task in experiment.tasks:

@@ -23,10 +23,7 @@ BAR_WIDTH = 12  # characters: a title, counts, time and a note fit beside it int
 
 
 class Screen(Console):
-    """Where the suite prints, and nowhere else: the words of a model or of a file are text, never markup.
-
-    Nor are they orders to the terminal, whatever they are part of.
-    """
+    """Where alone the suite prints: words of others are no markup there, nor orders to the terminal."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, soft_wrap=True, markup=False, emoji=False, **options)

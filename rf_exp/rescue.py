@@ -8,7 +8,7 @@ import argparse
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext, suppress
 from itertools import count, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -67,38 +67,30 @@ def _asides(path: Path) -> Iterator[Path]:
 
 def _kept(path: Path, to: Path | None) -> tuple[dict[int, str], list[int]]:
     """(episode -> why it is lost, seeds that are whole), written to a new store if one is named."""
-    if to is None:
-        with TemporaryDirectory(prefix="rf_exp-") as frame:
-            return _copy(Damaged(path, Path(frame)), None)
-    with whole(to) as draft:
-        return _copy(Damaged(path, draft.with_name("frame")), draft)
-
-
-def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]:
     lost: dict[int, str] = {}
     kept: list[int] = []
-    attrs, store = damaged.attrs, None
-    if to is not None:
-        empty_like(to, attrs)
-        store = Store.open(to, writable=True)
-    for index in range(len(damaged.ends)):
-        try:
-            episode = damaged.episode(index)
-        except Damage as error:
+    with ExitStack() as stack:
+        damaged = Damaged(path, Path(stack.enter_context(TemporaryDirectory(prefix="rf_exp-"))))
+        store = None
+        if to is not None:
+            draft = stack.enter_context(whole(to))
+            empty_like(draft, damaged.attrs)
+            store = stack.enter_context(Store.open(draft, writable=True))
+        for index in range(len(damaged.ends)):
             try:
-                which = f"seed {damaged.seed(index)}"
-            except Damage:
+                episode = damaged.episode(index)
+            except Damage as error:
                 which = "of a seed that cannot be read"
-            lost[index] = f"{which}: {error}"
-            continue
-        if episode.seed in kept:
-            lost[index] = f"seed {episode.seed}: it is there already"
-            continue
-        kept.append(episode.seed)
-        if store is not None:
-            store.append(episode)
-    if store is not None:
-        store.close()
+                with suppress(Damage):
+                    which = f"seed {damaged.seed(index)}"
+                lost[index] = f"{which}: {error}"
+                continue
+            if episode.seed in kept:
+                lost[index] = f"seed {episode.seed}: it is there already"
+                continue
+            kept.append(episode.seed)
+            if store is not None:
+                store.append(episode)
     return lost, kept
 
 

@@ -13,6 +13,7 @@ from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.errors import StageError
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator
+from rf_exp.transforms import apply
 from rf_exp.types import CONTROL_DT_S, CameraModel, Scene, activity
 
 HAND_M = 0.12  # of a hand above its fingertips, which shall be seen as well
@@ -80,10 +81,10 @@ class Prompter(NullObserver):
         step = len(self.lines) - self._since + 1
         self.actions.append(action)
         self.scenes.append(scene)
-        holding = enumerate(scene.held, start=1)
-        self.lines.append(tuple(_line(self._plan, agent, step, held) for agent, held in holding))
-        held = {agent for agent, name in enumerate(scene.held, start=1) if name}
-        self.touching.append(len(held | {agent for agent, _ in scene.finger_forces}))
+        held = dict(enumerate(scene.held, start=1))
+        self.lines.append(tuple(_line(self._plan, agent, step, name) for agent, name in held.items()))
+        touching = {agent for agent, name in held.items() if name}
+        self.touching.append(len(touching | {agent for agent, _ in scene.finger_forces}))
 
 
 def _line(plan: Planned, agent: int, step: int, held: str | None) -> Line:
@@ -102,16 +103,12 @@ def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performanc
         return None, outcome.reason
     actions, lines = np.stack(prompter.actions), tuple(prompter.lines)
     moments = {"start": 0, "middle": _middle(prompter.touching), "end": len(actions)}
-    shown = {step: pictures for step, pictures in play(world, seed, actions, set(moments.values()))}
+    shown = dict(play(world, seed, actions, set(moments.values())))
     scenes = [prompter.scenes[max(0, step - 1)] for step in moments.values()]
-    part = _around(
-        world.camera_models()["global"], np.concatenate([_places_m(world, each) for each in scenes])
-    )
-    unseen = Performance(seed, part, actions, lines, ())
-    stills = tuple(
-        Still(title, step * CONTROL_DT_S, shown[step], unseen.line(step)) for title, step in moments.items()
-    )
-    return replace(unseen, stills=stills), ""
+    places_m = np.concatenate([_places_m(world, each) for each in scenes])
+    made = Performance(seed, _around(world.camera_models()["global"], places_m), actions, lines, ())
+    stills = [Still(title, at * CONTROL_DT_S, shown[at], made.line(at)) for title, at in moments.items()]
+    return replace(made, stills=tuple(stills)), ""
 
 
 def _middle(touching: list[int]) -> int:
@@ -136,8 +133,7 @@ def _places_m(world: Simulator, scene: Scene) -> NDArray[np.float64]:
 
 def _around(camera: CameraModel, places_m: NDArray[np.float64]) -> Part:
     """The part of a camera's picture, in its proportions, that has all of these places (K, 3) well inside."""
-    camera_from_world = np.linalg.inv(camera.world_from_camera)
-    seen = (places_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]) @ camera.intrinsics.T
+    seen = apply(np.linalg.inv(camera.world_from_camera), places_m) @ camera.intrinsics.T
     pixels, size = seen[:, :2] / seen[:, 2:], np.array([camera.width_px, camera.height_px])
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     share = np.clip(ROOM * ((high - low) / size).max(), CLOSEST, 1.0)

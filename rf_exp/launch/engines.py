@@ -44,8 +44,8 @@ Submit = Callable[[Job], Handle]
 class Engine(NamedTuple):
     """What an engine needs; empty: nothing."""
 
-    package: str = ""
-    extra: str = ""  # of pyproject.toml, that brings the package
+    package: str = ""  # which the extra of the engine's name brings
+
     address: str = ""  # what its address is
     network: bool = False  # whether somebody has to answer there
 
@@ -53,9 +53,9 @@ class Engine(NamedTuple):
 ENGINES = {
     HERE: Engine(),
     "loky": Engine("joblib"),
-    "dask": Engine("distributed", "dask", "tcp://HOST:8786, or the file of the scheduler", True),
-    "ray": Engine("ray", "ray", "HOST:6379, or auto for a cluster that has a node on this machine", True),
-    "submitit": Engine("submitit", "submitit", "slurm, or local to try it on this machine"),
+    "dask": Engine("distributed", "tcp://HOST:8786, or the file of the scheduler", True),
+    "ray": Engine("ray", "HOST:6379, or auto for a cluster that has a node on this machine", True),
+    "submitit": Engine("submitit", "slurm, or local to try it on this machine"),
 }
 
 
@@ -84,7 +84,7 @@ class Launch:
         if needs.package and find_spec(needs.package) is None:
             raise ArgumentError(
                 f"launch.engine={self.engine} needs {needs.package}, which is not installed; "
-                f"run: pip install 'rf_exp[{needs.extra}]'"
+                f"run: pip install 'rf_exp[{self.engine}]'"
             )
 
     @property

@@ -34,10 +34,10 @@ class RolloutFilm(Film):
         self._last: RolloutStep | None = None
 
     def begun(self, scene: Scene) -> None:
-        """The start, which nobody has judged."""
+        """Nothing of the start, which nobody has judged."""
 
     def rolled(self, step: RolloutStep) -> None:
-        """One control step."""
+
         self._last = step
         if step.scene.step % EVERY == 0:
             self.add(self._frame(step, ""))

@@ -196,12 +196,10 @@ class RolloutRecorder(SceneRecorder):
         self._detections: tuple[KeypointDetection, ...] = ()
 
     def begun(self, scene: Scene) -> None:
-        """The start."""
         self.look(scene, None, self._world.images())
         self._distances(scene)
 
     def rolled(self, step: RolloutStep) -> None:
-        """One control step."""
         for agent, chunk in step.predicted.items():  # made before the step, from where the hands were
             self.predicted(agent, step.scene.step, chunk)
             ahead = self._arms[agent - 1].tcp(chunk)[:, :3, 3]

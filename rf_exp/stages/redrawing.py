@@ -42,12 +42,9 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
     said = source.description and replace(source.description, depth=False, labels=())
     with owned(path), continued(path, identity, source, task, said) as store:
         if missing := range(len(store), len(source) * copies):
-            size = {"width_px": source.attrs["width"], "height_px": source.attrs["height"]}
-            title, done = f"redraw {path.name}", missing.start
-            with (
-                sim.Simulator(task, **size) as world,
-                Progress(title, missing.stop, "episodes", done) as progress,
-            ):
+            world = sim.Simulator(task, width_px=source.attrs["width"], height_px=source.attrs["height"])
+            progress = Progress(f"redraw {path.name}", missing.stop, "episodes", missing.start)
+            with world, progress:
                 for number in missing:
                     index, copy = divmod(number, copies)
                     episode = replace(source.episode(index), extras={})

@@ -134,18 +134,14 @@ def begun(folder: Path) -> list[range]:
 def blocks(seeds: Sequence[int], there: Sequence[range], size: int, wanted: int | None) -> list[range]:
     """The shards of `seeds`, ascending, or the first `wanted`: those there, and others of at most `size`."""
     new = {seed for seed in seeds if not any(seed in block for block in there)}
-    needed = len(seeds) if wanted is None else min(wanted, len(seeds))
+    needed, covered = len(seeds) if wanted is None else min(wanted, len(seeds)), 0
     found: list[range] = []
-    covered = 0
     while covered < needed:
-        first = seeds[covered]
-        if first in new:
-            last = first
-            while last + 1 in new and last + 1 - first < size:
-                last += 1
-            found.append(range(first, last + 1))
-        else:
-            found.append(max((block for block in there if first in block), key=lambda block: block[-1]))
+        first = last = seeds[covered]
+        while {last, last + 1} <= new and last + 1 - first < size:
+            last += 1
+        around = [block for block in there if first in block]
+        found.append(max(around, key=lambda block: block[-1], default=range(first, last + 1)))
         covered += sum(seed in found[-1] for seed in seeds[covered:])
     return found
 

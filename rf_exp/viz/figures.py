@@ -85,12 +85,9 @@ def coordination(
         packed = {"ncols": 3, "fontsize": 8, "handlelength": 1.2, "columnspacing": 1.2}
         figure.legend(handles=handles, loc="outside lower center", **packed)
         picture = _drawn(figure)
-        corners = [
-            axes.transData.transform([[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]])
-            for axes in grid[: len(pairs)]
-        ]
-    origins, ends = np.array(corners)[:, 0], np.array(corners)[:, 1]  # y upwards
-    flip = np.array([1.0, -1.0])
+        cell = [[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]]  # its corners
+        corners = np.array([axes.transData.transform(cell) for axes in grid[: len(pairs)]])
+    (origins, ends), flip = corners.swapaxes(0, 1), np.array([1.0, -1.0])  # y upwards
     return Coordination(picture, pairs, origins * flip + (0.0, len(picture)), (ends - origins) * flip)
 
 
@@ -161,14 +158,10 @@ def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple
         shown[mask.T] = (*colour, 255)
         axes.imshow(shown, origin="lower", extent=(-half, right, -half, top), interpolation="nearest")
     for trajectory, across in ((i, True), (j, False)):
-        for segment, begin, end in zip(
-            trajectory.segments, trajectory.knots, trajectory.knots[1:], strict=False
-        ):
-            first, last = begin * CONTROL_DT_S, end * CONTROL_DT_S
-            draw = axes.axvspan if across else axes.axhspan
-            draw(
-                first, last, 1.0, 1.0 + RIBBON, clip_on=False, color=_hex(primitive_colour(segment.primitive))
-            )
+        draw = axes.axvspan if across else axes.axhspan
+        for segment, begin, end in trajectory.intervals:
+            colour, ribbon = _hex(primitive_colour(segment.primitive)), (1.0, 1.0 + RIBBON)
+            draw(begin * CONTROL_DT_S, end * CONTROL_DT_S, *ribbon, clip_on=False, color=colour)
     # Both ends of an agent that does not move are one and the same: keep its axis from being empty.
     axes.set(xlim=(-half, right), ylim=(-half, top), aspect="auto", box_aspect=1.0)
     axes.set_xlabel(f"agent {i.agent}, s along its path", color=_hex(agent_colour(i.agent)))

@@ -17,6 +17,7 @@ TEXT_PX, SMALL_PX = 17, 15  # sizes of letters
 LINE_PX = 25  # from one line to the next
 RING_PX, DOT_PX = 6, 2  # radii of marks
 ROWS = 2  # agents' views below one another at most, beside the global view
+font = cache(ImageFont.load_default)  # of letters of so many pixels
 
 
 @dataclass(frozen=True)
@@ -104,11 +105,6 @@ def label(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, colour: Rgb
 
 def write(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, size_px: int, colour: Rgb = INK) -> None:
     draw.text(at, text, fill=colour, font=font(size_px))
-
-
-@cache
-def font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(size_px)
 
 
 def blank(size: tuple[int, int]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
