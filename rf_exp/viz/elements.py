@@ -14,7 +14,6 @@ from rf_exp.errors import ArgumentError
 from rf_exp.robots import Robot
 from rf_exp.transforms import Matrix
 from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, CameraModel
-from rf_exp.viz.layout import Rgb, shade
 
 CREASE_DEG = 40.0  # faces that meet at more than this keep a sharp edge
 FRUSTUM_M = 0.07  # length of the drawn cameras
@@ -25,21 +24,20 @@ PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
 class Mesh:
     """Triangles in the frame of their entity, metres.
 
-    `colour`: linear RGB in [0, 1], (3,) for all or (V, 3) for each vertex. None: an arm takes the
-    colour of its agent, anything else grey.
+    `colour`: linear RGB in [0, 1], (3,) for all or (V, 3) for each vertex.
     """
 
     vertices: NDArray[np.floating]  # (V, 3)
     faces: NDArray[np.integer]  # (F, 3) indices into vertices, counter-clockwise from outside
-    colour: ArrayLike | None = None
+    colour: ArrayLike
 
 
-def mesh3d(entity: str, mesh: Mesh, colour: Rgb) -> rr.Mesh3D:
-    """A mesh; one without a colour of its own is a shade of `colour`. Errors name the entity."""
+def mesh3d(entity: str, mesh: Mesh) -> rr.Mesh3D:
+    """A mesh as it is shown. Errors name the entity."""
     count = len(mesh.vertices)
     expect(f"vertices of {entity!r}", mesh.vertices, (count, 3))
     expect(f"faces of {entity!r}", mesh.faces, (len(mesh.faces), 3))
-    tint = np.array(shade(colour, 1.5)) if mesh.colour is None else srgb(mesh.colour)
+    tint = srgb(mesh.colour)
     if tint.shape not in ((3,), (count, 3)):
         found = "x".join(map(str, tint.shape))
         raise ArgumentError(f"colour of {entity!r} has shape {found}; expected 3 or {count}x3")

@@ -153,7 +153,21 @@ class Recorder:
         left out stays. `qpos` (N, D) rad and metres; `action` (N, A) rad and gripper command, None
         when nothing is commanded any more. `pictures`: camera -> (H, W, 3) sRGB. Steps do not go back.
         """
-        self._check_step(step, poses, qpos, action, pictures or {})
+        pictures = pictures or {}
+        if step < self._step:
+            raise ArgumentError(f"step {step} comes after step {self._step}; steps do not go back")
+        for entity, pose in poses.items():
+            if entity not in self._posed:
+                raise choices("entity in poses", entity, self._posed)
+            expect(f"poses[{entity!r}]", pose, (4, 4))
+        expect("qpos", qpos, (self._agents, self._dof + FINGERS))
+        if action is not None:
+            expect("action", action, (self._agents, self._dof + 1))
+        for name, picture in pictures.items():
+            if name not in self._cameras:
+                raise choices("camera in pictures", name, self._cameras)
+            shape = (self._cameras[name].height_px, self._cameras[name].width_px, 3)
+            expect(f"pictures[{name!r}]", picture, shape, np.dtype(np.uint8))
         self._set_time(step)
         if self._marks and step - self._marked_step >= MARK_STEPS:
             self._marks.clear()
@@ -168,7 +182,7 @@ class Recorder:
                 target = action[agent - 1]
                 self._log(f"joints/agent{agent}/target", rr.Scalars(target[: robot.dof]))
                 self._log(f"gripper/agent{agent}/target", rr.Scalars(opening_mm(robot, target)))
-        for name, picture in (pictures or {}).items():
+        for name, picture in pictures.items():
             _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
             shown = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
             self._log(camera_entity(name), shown)
@@ -303,7 +317,7 @@ class Recorder:
         """A path of an agent's hand (K, 3) in the scene: `predicted` is pale."""
         colour = self._colour(f"agent{agent}")
         expect("places_m", places_m, (len(places_m), 3))
-        shown = layout.shade(colour, 3.0) if kind == "predicted" else colour
+        shown = layout.pale(colour) if kind == "predicted" else colour
         radius = rr.Radius.ui_points(3.0 if kind == "predicted" else 2.0)
         strip = rr.LineStrips3D([places_m], colors=[shown], radii=radius)
         self._log(f"{layout.PATHS}/agent{agent}/{rr.escape_entity_path_part(kind)}", strip)
@@ -333,29 +347,6 @@ class Recorder:
     def judged(self, markdown: Markdown) -> None:
         """What the judge says, from now on."""
         self._log(layout.VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
-
-    def _check_step(
-        self,
-        step: int,
-        poses: Mapping[str, Matrix],
-        qpos: NDArray[np.floating],
-        action: NDArray[np.floating] | None,
-        pictures: Mapping[str, NDArray[np.uint8]],
-    ) -> None:
-        if step < self._step:
-            raise ArgumentError(f"step {step} comes after step {self._step}; steps do not go back")
-        for entity, pose in poses.items():
-            if entity not in self._posed:
-                raise choices("entity in poses", entity, self._posed)
-            expect(f"poses[{entity!r}]", pose, (4, 4))
-        expect("qpos", qpos, (self._agents, self._dof + FINGERS))
-        if action is not None:
-            expect("action", action, (self._agents, self._dof + 1))
-        for name, picture in pictures.items():
-            if name not in self._cameras:
-                raise choices("camera in pictures", name, self._cameras)
-            shape = (self._cameras[name].height_px, self._cameras[name].width_px, 3)
-            expect(f"pictures[{name!r}]", picture, shape, np.dtype(np.uint8))
 
     def _set_time(self, step: int) -> None:
         self._step = step
@@ -399,7 +390,7 @@ class Recorder:
                 expect(f"world_from_camera of camera {name!r}", camera.world_from_camera, (4, 4))
                 self._log(camera_entity(name), placed(camera.world_from_camera), static=True)
         for entity, mesh in meshes.items():
-            self._log(entity, mesh3d(entity, mesh, self._colour(entity.split("/")[1])), static=True)
+            self._log(entity, mesh3d(entity, mesh), static=True)
         for agent, robot in enumerate(self._robots, start=1):
             colour, name, colours = agent_colour(agent), f"agent {agent}", layout.JOINT_COLOURS[: robot.dof]
             names = [f"q{joint}" for joint in range(1, robot.dof + 1)]

@@ -29,7 +29,7 @@ POSES = {LINKS[0]: planar(0.0, -0.75, np.pi / 2), BARRIER: planar(0.1, 0.0, 0.3,
 
 def box(size_m: tuple[float, float, float]) -> viz.Mesh:
     shape = trimesh.creation.box(size_m)
-    return viz.Mesh(shape.vertices, shape.faces)
+    return viz.Mesh(shape.vertices, shape.faces, (0.3, 0.3, 0.3))
 
 
 def open_recorder(path: Path, **changed) -> viz.Recorder:
