@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import asdict
 
 import pytest
 from rich.console import Console
@@ -75,13 +76,13 @@ HEAD = "step,steps,epoch,loss,learning_rate,samples_per_s,core_s\n"
 def test_a_follower_reads_whole_new_rows_only(tmp_path):
     path, seen = tmp_path / "curves.csv", []
     path.write_text(HEAD + "10,100,0,0.9,0.001,50.0,1.0\n")  # of an earlier run
-    follower = Follower(path, lambda step, figures: seen.append((step, Curve(**figures))))
+    follower = Follower(path, lambda step, figures: seen.append((step, figures)))
     assert list(follower.new()) == []
     path.write_text(path.read_text() + "20,100,0,0.5,0.001,60.0,2.0\n30,100,0,0.4")
     assert [(curve.step, steps) for curve, steps in follower.new()] == [(20, 10)]
     path.write_text(path.read_text() + ",0.001,60.0,3.0\n")
     assert [(curve.step, steps) for curve, steps in follower.new()] == [(30, 10)]
-    assert seen[-1] == (30, Curve(30, 100, 0, 0.4, 0.001, 60.0, 3.0))
+    assert seen[-1] == (30, asdict(Curve(30, 100, 0, 0.4, 0.001, 60.0, 3.0)))
 
 
 def test_a_follower_waits_for_a_file_that_is_not_there_yet(tmp_path):

@@ -13,7 +13,6 @@ from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.errors import StageError
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator
-from rf_exp.transforms import apply
 from rf_exp.types import CONTROL_DT_S, CameraModel, Scene, activity
 
 HAND_M = 0.12  # of a hand above its fingertips, which shall be seen as well
@@ -133,7 +132,8 @@ def _places_m(world: Simulator, scene: Scene) -> NDArray[np.float64]:
 
 def _around(camera: CameraModel, places_m: NDArray[np.float64]) -> Part:
     """The part of a camera's picture, in its proportions, that has all of these places (K, 3) well inside."""
-    seen = apply(np.linalg.inv(camera.world_from_camera), places_m) @ camera.intrinsics.T
+    camera_from_world = np.linalg.inv(camera.world_from_camera)
+    seen = (places_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]) @ camera.intrinsics.T
     pixels, size = seen[:, :2] / seen[:, 2:], np.array([camera.width_px, camera.height_px])
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     share = np.clip(ROOM * ((high - low) / size).max(), CLOSEST, 1.0)

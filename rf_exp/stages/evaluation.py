@@ -188,8 +188,8 @@ def evaluate_scene(
             observers.append(stack.enter_context(recorder))
         if film is not None:
             paths = film, film.with_suffix(ablation.PICTURE)
-            drafts = [stack.enter_context(whole(path)) for path in paths]
-            observers.append(stack.enter_context(recording.RolloutFilm(*drafts, standing, shown)))
+            draft, picture = (stack.enter_context(whole(path)) for path in paths)
+            observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, standing, shown)))
         watchers += [observer.rolled for observer in observers] + ([] if watch is None else [watch])
         for observer in observers:
             observer.begun(start)

@@ -207,7 +207,7 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
     """The row of one attempt under the constraints."""
     task = settings.task
     return GenerationRow(
-        **alike(GenerationRow, outcome) | {"wall_s": round(outcome.wall_s, 3)},
+        **alike(GenerationRow, replace(outcome, wall_s=round(outcome.wall_s, 3))),
         task=task.name,
         constraints=settings.constraint_set.name,
         brain=settings.brain.label,
