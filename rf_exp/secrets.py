@@ -17,14 +17,13 @@ def without(text: str, key: str) -> str:
     return text.replace(key, "[key]") if len(key) >= SHORTEST else text
 
 
-def check_environment_name(name: str) -> str:
+def check_environment_name(name: str) -> None:
     """Raises ArgumentError, without repeating it, for what may be a key instead of a name."""
     if _ENVIRONMENT_NAME.fullmatch(name) is None:
         raise ArgumentError(
             "brain.api_key_env is not the name of an environment variable (capitals, digits, underscores). "
             "Put the key into a variable, OPENAI_API_KEY say, and give its name; never the key itself"
         )
-    return name
 
 
 def check_address(url: str) -> str:
