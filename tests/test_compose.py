@@ -1,5 +1,7 @@
 """Tasks from sentences: what is understood, what is refused and why, and that what is written works."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks.shared.jobs import Job
 from rf_exp.types import NO_PICTURES, ConstraintSet
+from tests.datagen.language_server import LanguageServer, Reply, completion
 
 ROOT = Path(__file__).parents[1]
 BOTH = "Two arms put both cubes into the bowl, the lid goes on last."
@@ -166,3 +169,66 @@ def test_wrong_arguments(arguments: list[str], message: str, tmp_path: Path) -> 
         [sys.executable, "-m", "rf_exp.compose", *arguments], cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 2 and message in done.stderr + done.stdout
+
+
+WISH = "tidy up: the cubes belong in the bowl, which has to be shut in the end; take two robots"
+
+
+def composed_by(server: LanguageServer, tmp_path: Path, *keys: str) -> "subprocess.CompletedProcess[str]":
+    arguments = [f"objects=[{','.join(THINGS)}]", "name=tidy", "episodes=0", "brain=openai", *keys]
+    return subprocess.run(
+        [sys.executable, "-m", "rf_exp.compose", WISH, *arguments, f"brain.base_url={server.url}"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def sentence(text: str) -> Reply:
+    return completion(json.dumps({"Sentence": text}))
+
+
+def test_a_model_says_it_again_until_the_grammar_understands(tmp_path: Path) -> None:
+    replies = [sentence("put cubes away"), sentence("two arms put both cubes into the box"), sentence(BOTH)]
+    with LanguageServer(replies) as server:
+        done = composed_by(server, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "understood as: Two arms put both cubes into the bowl" in " ".join(done.stdout.split())
+    task = compose(BOTH, THINGS, "tidy", "composed.tidy")
+    assert (tmp_path / "composed" / "tidy.py").read_text() == task.module
+    said = [request["messages"][-1]["content"] for request in server.requests]
+    assert len(said) == 3 and all(WISH in str(each) for each in said)
+    assert "there is no 'box'" in str(said[2]) and "there is no 'box'" not in str(said[1])
+
+
+def test_a_model_that_never_makes_sense_ends_with_its_budget(tmp_path: Path) -> None:
+    with LanguageServer([sentence("do something nice")]) as server:
+        done = composed_by(server, tmp_path, "brain.budget=2")
+    assert done.returncode == 1
+    assert "the budget of 2 calls is used up" in " ".join(done.stderr.split())
+    assert len(server.requests) == 2 and not (tmp_path / "composed").exists()
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (("brain=scripted",), "brain 'scripted'; available: openai"),
+        (("brain.model=x",), "brain.model=x is of a language model; say brain=openai as well"),
+        (("brain=openai", "brain.modle=x"), "modle"),
+        (("brain=openai", "brain.budget=0"), "brain.budget is 0; it must be at least 1"),
+    ],
+)
+def test_keys_of_a_model_are_checked_before_it_is_asked(
+    keys: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rf_exp.compose", WISH, "objects=[cube]", *keys],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2 and said in " ".join(done.stderr.split()), done.stderr

@@ -8,6 +8,8 @@ objects=[...]   what stands on the table: an asset as `cube`, `red_cube`, or `bo
 name=NAME       of the task; composed unless given
 out=FOLDER      below the current folder, into which both are written; composed unless given
 episodes=N      scenes in which the expert is tried; 3 unless given, 0 for none
+brain=openai    a language model says the sentence again in those forms: which one is said by `brain.model`,
+                `brain.base_url` and the other keys of conf/brain/openai.yaml
 """
 
 import argparse
@@ -20,14 +22,17 @@ from omegaconf.errors import OmegaConfBaseException
 
 from rf_exp import datagen, laws
 from rf_exp.command import guarded
-from rf_exp.compose.composing import compose, loaded, written
-from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.compose.composing import Composed, compose, loaded, written
+from rf_exp.compose.wording import worded
+from rf_exp.datagen.brain import BrainSpec, OpenAIChat, OpenAISpec, ScriptedSpec, read_brain
 from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.installed import CONF
 from rf_exp.progress import console
 from rf_exp.tasks import Task
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
-KEYS = {"objects": None, "name": "composed", "out": "composed", "episodes": 3}
+KEYS = {"objects": None, "name": "composed", "out": "composed", "episodes": 3, "brain": None}
+BRAINS = ("openai",)
 
 
 def main() -> None:
@@ -42,7 +47,7 @@ def main() -> None:
     given = _read(said.sentence, said.keys)
     folder = Path(given["out"])
     code = ".".join((*folder.parts, given["name"]))
-    composed = compose(said.sentence, given["objects"], given["name"], code)
+    composed = _composed(said.sentence, given, code)
     config, module = written(composed, folder)
     console.print(
         f"{len(composed.said.jobs)} jobs for {composed.said.arms} arms; wrote {config} and {module}"
@@ -57,6 +62,29 @@ def main() -> None:
         raise StageError(f"{broken} laws are broken, {failed} scenes failed; where and why is said above")
 
 
+def _composed(text: str, given: dict[str, Any], code: str) -> Composed:
+    """The task of a sentence as it is written, or as a model says it again."""
+
+    def make(sentence: str) -> Composed:
+        return compose(sentence, given["objects"], given["name"], code)
+
+    if given["brain"] is None:
+        return make(text)
+    composed = worded(text, given["objects"], OpenAIChat(given["brain"], None), make)
+    console.print(f"understood as: {composed.text}")
+    return composed
+
+
+def _brain(name: str, options: dict[str, Any]) -> OpenAISpec:
+    """The model that words, from its own keys. Raises ArgumentError for another one, and for unknown keys."""
+    if name not in BRAINS:
+        raise choices("brain", name, BRAINS)
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "brain" / f"{name}.yaml"), resolve=False)
+    spec: BrainSpec = read_brain({**node, "exchanges": None, **options})
+    assert isinstance(spec, OpenAISpec)
+    return spec
+
+
 def _read(text: str, keys: list[str]) -> dict[str, Any]:
     """What the keys say. Raises ArgumentError for a key in place of the sentence, and for unknown keys."""
     for each in (text, *keys):
@@ -64,8 +92,12 @@ def _read(text: str, keys: list[str]) -> dict[str, Any]:
             raise ArgumentError(
                 f"{each!r}: expected one sentence, in quotes, then keys as KEY=VALUE: {', '.join(KEYS)}"
             )
+    of_model = [key.removeprefix("brain.") for key in keys if key.startswith("brain.")]
     try:
-        said: Any = OmegaConf.to_container(OmegaConf.from_dotlist(keys))
+        said: Any = OmegaConf.to_container(
+            OmegaConf.from_dotlist([key for key in keys if not key.startswith("brain.")])
+        )
+        options: Any = OmegaConf.to_container(OmegaConf.from_dotlist(of_model))
     except OmegaConfBaseException as error:
         raise ArgumentError(f"cannot read {' '.join(keys)}: {error}") from error
     for key in said:
@@ -81,7 +113,9 @@ def _read(text: str, keys: list[str]) -> dict[str, Any]:
         raise ArgumentError(f"out is {given['out']!r}; expected a folder below this one, as my_tasks")
     if type(given["episodes"]) is not int or given["episodes"] < 0:
         raise ArgumentError(f"episodes is {given['episodes']!r}; expected 0 or more")
-    return given
+    if of_model and given["brain"] is None:
+        raise ArgumentError(f"brain.{of_model[0]} is of a language model; say brain=openai as well")
+    return given if given["brain"] is None else {**given, "brain": _brain(given["brain"], options)}
 
 
 def _laws(task: Task) -> int:

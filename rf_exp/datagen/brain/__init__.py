@@ -9,7 +9,15 @@ import dacite
 from rf_exp.datagen.brain.faults import FAULTS
 from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
 from rf_exp.datagen.brain.legal import Legal, legal
-from rf_exp.datagen.brain.protocol import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
+from rf_exp.datagen.brain.protocol import (
+    BadAnswer,
+    Brain,
+    BrainSpec,
+    Question,
+    from_json,
+    read_object,
+    to_json,
+)
 from rf_exp.datagen.brain.random import RandomBrain, RandomSpec
 from rf_exp.datagen.brain.scripted import (
     FaultyBrain,
@@ -19,7 +27,7 @@ from rf_exp.datagen.brain.scripted import (
     applies,
     faults_for,
 )
-from rf_exp.datagen.brain.talk import probe
+from rf_exp.datagen.brain.talk import Chat, Message, OpenAIChat, probe
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.secrets import no_key_here
 
@@ -29,10 +37,13 @@ __all__ = [
     "BadAnswer",
     "Brain",
     "BrainSpec",
+    "Chat",
     "FaultyBrain",
     "FaultySpec",
     "LanguageBrain",
     "Legal",
+    "Message",
+    "OpenAIChat",
     "OpenAISpec",
     "Question",
     "RandomBrain",
@@ -46,6 +57,7 @@ __all__ = [
     "legal",
     "probe",
     "read_brain",
+    "read_object",
     "to_json",
 ]
 
