@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 STAGES = ("generate", "train", "evaluate", "report")
 _FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
-# Fields of an Experiment that are made of several keys, or of others than their name.
-MADE = {"tasks", "constraint_sets", "archs", "pictures", "policy", "brain", "out", "evaluated"}
 CORRECTION_SEED = 900_000  # first scene seed of the rollouts that the expert corrects
 CORRECTION_SEEDS = 10_000  # for each round of them
 
@@ -244,9 +242,8 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
     picture = node["picture"]
     foreign = foreign_policy(node["foreign"], picture)
     try:
-        plain: dict[str, Any] = {key: node[key] for key in Experiment.__dataclass_fields__ if key not in MADE}
         taken = {**picture, "render": node["render"], "cameras": node["cameras"]}
-        plain |= {
+        made: dict[str, Any] = {  # of several keys, or of others than their name
             "tasks": (),
             "constraint_sets": tuple(ConstraintSet(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
@@ -258,8 +255,9 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             "evaluated": read_values(Variation, node["evaluated"], "evaluated.").held_out,
         }
         if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
-            plain |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
-        experiment = read_values(Experiment, plain)
+            made |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
+        plain = {each.name: node[each.name] for each in fields(Experiment) if each.name not in made}
+        experiment = read_values(Experiment, plain | made)
         if any(override.startswith("demos=") for override in given):
             _refuse_demos_without_effect(experiment)
         borrowed = Borrowed(**{each.name: node[each.name] for each in fields(Borrowed)})

@@ -57,11 +57,9 @@ def frame(
     rows = max(1, min(ROWS, len(agents)))
     high = (height_px - (rows - 1) * GAP_PX) // rows
     view_px = (high * large.shape[1] // large.shape[0], high)
-    size = (
-        width_px + ceil(len(agents) / rows) * (view_px[0] + GAP_PX),
-        height_px + LINE_PX * len(lines) + 3 * GAP_PX,
-    )
-    whole, draw = blank((size[0] + size[0] % 2, size[1] + size[1] % 2))
+    across = width_px + ceil(len(agents) / rows) * (view_px[0] + GAP_PX)
+    down = height_px + LINE_PX * len(lines) + 3 * GAP_PX
+    whole, draw = blank((across + across % 2, down + down % 2))
     whole.paste(_marked(large, (width_px, height_px), [m for m in marks if m.camera == "global"]), (0, 0))
     label(draw, (0, 0), title, INK)
     for place, agent in enumerate(agents):
@@ -80,11 +78,8 @@ def _marked(picture: NDArray[np.uint8], size: tuple[int, int], marks: Sequence[M
     draw = ImageDraw.Draw(image)
     for mark in sorted(marks, key=lambda each: each.ring):
         x, y, radius = mark.x * size[0], mark.y * size[1], RING_PX if mark.ring else DOT_PX
-        box = (x - radius, y - radius, x + radius, y + radius)
-        if mark.ring:
-            draw.ellipse(box, outline=mark.colour, width=2)
-        else:
-            draw.ellipse(box, fill=mark.colour)
+        fill, outline = (None, mark.colour) if mark.ring else (mark.colour, None)
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill, outline, width=2)
     return image
 
 

@@ -92,11 +92,8 @@ def blueprint(
 
     `diagrams_px`: width and height of the picture of coordination diagrams, None without one.
     """
-    curves = [
-        *((f"agent {agent} joints (rad)", f"joints/agent{agent}") for agent in range(1, agents + 1)),
-        ("grippers (mm open)", "gripper"),
-    ]
-    series = [_curves(*each) for each in curves]
+    series = [_curves(f"agent {k} joints (rad)", f"joints/agent{k}") for k in range(1, agents + 1)]
+    series.append(_curves("grippers (mm open)", "gripper"))
     log = rrb.TextLogView(
         name="log",
         contents=["log/**", f"{MOTIONS}/**", "checks/**", f"{CONDITIONS}/**"],
