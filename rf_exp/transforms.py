@@ -100,7 +100,7 @@ def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def placed(poses: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (K, 3) in the frames of poses (..., 4, 4), outside of them: (..., K, 3)."""
+    """Points (K, 3), or (..., K, 3), in the frames of poses (..., 4, 4), outside of them: (..., K, 3)."""
     return points @ poses[..., :3, :3].swapaxes(-1, -2) + poses[..., None, :3, 3]
 
 

@@ -176,7 +176,7 @@ class CheckedPlan:
         """What was checked before execution and with what result; plain JSON values."""
         timed = self.plan.schedule
         return {
-            "row": self.plan.constraint_set.name,
+            "row": self.plan.paths.constraint_set.name,
             "margins_m": {"agents": AGENT_MARGIN_M, "objects": OBJECT_MARGIN_M},
             "makespan_s": len(timed) * CONTROL_DT_S,
             "makespan_bound_s": timed.makespan_bound * CONTROL_DT_S,
@@ -262,7 +262,7 @@ class RoboChecker:
             return sequential(trajectories, in_turn)
         diagrams = paths.diagrams if self._constraint_set.spatial else {}
         rules = (*self.rules(paths), *also)
-        return schedule(trajectories, diagrams, rules, delays, begins_s=paths.begins_s)
+        return schedule(trajectories, diagrams, rules, delays, begins_s=paths.scene.time_s)
 
     def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
         """All checks on a plan before anything moves."""

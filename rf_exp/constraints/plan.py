@@ -19,7 +19,6 @@ from rf_exp.geometry import (
     closer_than,
 )
 from rf_exp.perception import Seen, together
-from rf_exp.robots import Arm
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
@@ -105,17 +104,9 @@ class Paths:
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
 
-    def arm(self, agent: int) -> Arm:
-        return self.planning_scene.arms[agent - 1]
-
     def grippers_m(self, agent: int) -> NDArray[np.float64]:
         """(P, 3) the tool centre point of an agent at its path positions, world frame."""
-        return self.arm(agent).tcp(self.trajectory(agent).path())[:, :3, 3]
-
-    @property
-    def begins_s(self) -> float:
-        """When the plan begins, on the clock of the episode."""
-        return self.scene.time_s
+        return self.task.arms[agent].tcp(self.trajectory(agent).path())[:, :3, 3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +126,6 @@ class Plan:
         return self.paths.task
 
     @property
-    def constraint_set(self) -> ConstraintSet:
-        return self.paths.constraint_set
-
-    @property
     def scene(self) -> Scene:
         return self.paths.scene
 
@@ -155,19 +142,17 @@ class Plan:
 
     @property
     def begins_s(self) -> float:
-        return self.paths.begins_s
-
-    def arm(self, agent: int) -> Arm:
-        return self.paths.arm(agent)
+        """When it begins, on the clock of the episode."""
+        return self.scene.time_s
 
     def carried(self, segment: Segment, rows: slice | int = slice(None)) -> NDArray[np.float64]:
         """(..., 4, 4) world_from_object of what a segment carries, at all of its steps (T,) or at some."""
-        tcp = self.arm(segment.agent).tcp(segment.qpos[rows])
+        tcp = self.task.arms[segment.agent].tcp(segment.qpos[rows])
         return self.planning_scene.attached(segment, tcp, rows)
 
     def tcp(self, agent: int, scene: Scene) -> Matrix:
         """world_from_tcp of an agent as measured."""
-        return self.arm(agent).tcp(scene.qpos[agent - 1])
+        return self.task.arms[agent].tcp(scene.qpos[agent - 1])
 
     def positions(self, agent: int) -> NDArray[np.int64]:
         """(T + 1,) path position of an agent at each control step."""

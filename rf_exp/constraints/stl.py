@@ -183,8 +183,5 @@ def kept(execution: Execution, check: "Check") -> bool | None:
 
 def signals(execution: Execution, checks: "Sequence[Check]") -> tuple[Signal, ...]:
     """The signals of several checks, each once."""
-    found: dict[str, Signal] = {}
-    for check in checks:
-        for signal in check.stl(execution.plan.task).signals:
-            found.setdefault(signal.name, signal)
-    return tuple(found.values())
+    forms = (check.stl(execution.plan.task) for check in checks)
+    return tuple({signal.name: signal for form in forms for signal in form.signals}.values())

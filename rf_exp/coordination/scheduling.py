@@ -243,13 +243,10 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
             turns.append((subgoal.agent, runs.pop(0)[1]))
     for agent, runs in waiting.items():  # what the plan does not name comes last
         turns += [(agent, steps) for _, steps in runs]
-    position = np.zeros(len(trajectories), dtype=np.int64)
-    rows = [position.copy()]
-    for agent, steps in turns:
-        for _ in range(steps):
-            position[agent - 1] += 1
-            rows.append(position.copy())
-    return Schedule(np.array(rows), max(map(len, trajectories)))
+    movers, steps = np.array(turns, dtype=np.int64).reshape(-1, 2).T
+    moves = np.repeat(movers, steps)[:, None] == [trajectory.agent for trajectory in trajectories]  # (T, N)
+    positions = np.cumsum(np.pad(moves, ((1, 0), (0, 0))), axis=0)
+    return Schedule(positions, max(map(len, trajectories)))
 
 
 def alike(paths: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

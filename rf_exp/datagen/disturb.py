@@ -193,7 +193,8 @@ def nearer(plan: Plan, disturbed: Paths) -> Iterator[tuple[int, int]]:
                 still = placed_at(plan.task, plan.scene, name, pose)
                 bodies = [_whole(each, rows, name) for each in (plan.paths.swept[agent - 1], body)]
                 for row in np.flatnonzero(closer_than(bodies[1], still, KEEPS_M, between=False)[:, 0]):
-                    meant_m, found_m = (_apart_m(each, still, int(row)) for each in bodies)
+                    at = np.array([[row, 0]])
+                    meant_m, found_m = (nearest(each, still, at).distance_m for each in bodies)
                     if found_m < min(meant_m, KEEPS_M):
                         yield agent, int(rows[row])
 
@@ -226,11 +227,6 @@ def _whole(body: Swept, rows: NDArray[np.int64], name: str) -> Swept:
     return Swept(
         pieces, labels, body.poses[np.ix_(rows, of)], body.objects - {name}, carried, gripper=body.gripper
     )
-
-
-def _apart_m(body: Swept, still: Swept, row: int) -> float:
-    found = nearest(body, still, np.array([[row, 0]]))
-    return np.inf if found is None else found.distance_m
 
 
 class ObjectMotionWatch:

@@ -20,7 +20,6 @@ from rf_exp.geometry import (
     folded,
     joined,
     nearest,
-    overlap,
 )
 from rf_exp.perception import SEEN, Seen
 from rf_exp.statements import Proposal
@@ -73,7 +72,7 @@ class Obstacles:
         for obstacles, other, margin_m in surroundings.bodies:
             if obstacle not in obstacles:
                 continue
-            if (gap := nearest(body, _only(planning_scene, other, obstacle))) is not None:
+            if (gap := nearest(body, _only(planning_scene, other, obstacle))).a:
                 near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
                 other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
                 return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
@@ -210,10 +209,10 @@ def _least_depth_m(task: Task, scene: Scene, put: _Put, name: str, poses: Sequen
         if np.linalg.norm(one[:3, 3] - other[:3, 3]) >= reach_m:
             return 0.0
         in_hand = replace(placed_at(task, scene, put.name, one), carried={put.name: np.ones(1, dtype=bool)})
-        gap = overlap(in_hand, placed_at(task, scene, name, other))
-        if gap is None or gap.distance_m >= 0:
+        gap_m = nearest(in_hand, placed_at(task, scene, name, other)).distance_m
+        if gap_m >= 0:
             return 0.0
-        least = min(least, -gap.distance_m)
+        least = min(least, -gap_m)
     return float(least)
 
 

@@ -251,8 +251,12 @@ class Found:
     @property
     def sentence(self) -> str:
         """One that a person and a model can act on."""
-        said = self.finding.form.format_map(_Words(self))
+        said = self.finding.form.format_map(self)
         return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
+
+    def __getitem__(self, name: str) -> object:
+        """What a form names: a fact as it is, or as sentences have it."""
+        return _WRITTEN[name](self) if name in _WRITTEN else getattr(self, name)
 
 
 class About(TypedDict, total=False):
@@ -364,13 +368,3 @@ _WRITTEN: Mapping[str, Callable[[Found], object]] = {  # what forms name beside 
     "in_the_way": lambda found: ", ".join(f"{each} is in the way" for each in found.obstacles),
     "how_near": _how_near,
 }
-
-
-class _Words:
-    """What a form names, once it is asked for."""
-
-    def __init__(self, found: Found) -> None:
-        self._found = found
-
-    def __getitem__(self, name: str) -> object:
-        return _WRITTEN[name](self._found) if name in _WRITTEN else getattr(self._found, name)

@@ -34,11 +34,11 @@ _NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
 
 @dataclass(frozen=True)
 class Nearest:
-    """The closest pair of pieces of two bodies."""
+    """The closest pair of pieces of two bodies that must keep apart; infinitely far where there is none."""
 
-    distance_m: float  # negative: penetration depth
-    a: str
-    b: str
+    distance_m: float = np.inf  # negative: penetration depth
+    a: str = ""
+    b: str = ""
     at: tuple[int, int] = (0, 0)  # path positions
 
 
@@ -124,18 +124,16 @@ def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[F
     return distances, normals, points
 
 
-def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest | None:
-    """The smallest exact distance of the pairs that must keep apart, over cells `at` (T, 2); None: over all.
-
-    None when no pair has to keep apart there.
-    """
+def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
+    """The smallest exact distance of the pairs that must keep apart, over cells `at` (T, 2), or all."""
     at = np.unique(np.argwhere(np.ones((len(a), len(b)))) if at is None else at, axis=0)
     centres_a, centres_b = (body.centres[at[:, k]].transpose(2, 1, 0) for k, body in enumerate((a, b)))
     x, y, z = centres_a[:, :, None] - centres_b[:, None]
-    # (La, Lb, T) between the spheres round all pieces; negative where they overlap
+    # (La, Lb, T) bounds, at first by the spheres round pieces; negative where these overlap
     gaps = np.sqrt(x * x + y * y + z * z) - (a.radii_m[:, None] + b.radii_m)[..., None]
+    best = Nearest()
     if not gaps.size:
-        return None
+        return best
     apart = _apart(a, b)
 
     @cache
@@ -148,28 +146,20 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
         for j, y in enumerate(b.labels):
             if (x in a.objects or y in b.objects) and len(idle(x, y)):  # links must always keep apart
                 gaps[i, j, idle(x, y)] = np.inf
-    return _nearest(a, b, at, gaps)
-
-
-def _nearest(a: Swept, b: Swept, at: Indices, apart_m: NDArray[np.float64]) -> Nearest | None:
-    """`nearest` of pieces that are at least `apart_m` (La, Lb, T) from one another; infinite: no matter.
-
-    What is known of two pieces at one cell bounds them at all others, by how far they move until there.
-    """
     moved_a, moved_b = (body.travelled_m[at[:, k]].T for k, body in enumerate((a, b)))  # (L, T)
-    least = apart_m.min(axis=2)
-    best: Nearest | None = None
-    while least.min() < (best.distance_m if best else np.inf):
+    least = gaps.min(axis=2)
+    while least.min() < best.distance_m:
         i, j = (int(index) for index in np.unravel_index(least.argmin(), least.shape))
-        cell = int(apart_m[i, j].argmin())
+        cell = int(gaps[i, j].argmin())
         row, column = at[cell].tolist()
         distance_m = exact_m(a, b, row, column, i, j)
-        if best is None or distance_m < best.distance_m:
+        if distance_m < best.distance_m:
             best = Nearest(distance_m, a.labels[i], b.labels[j], (row, column))
+        # What is known of two pieces at one cell bounds them at all others, by how far they move until there.
         moved_m = np.abs(moved_a[i] - moved_a[i, cell]) + np.abs(moved_b[j] - moved_b[j, cell])
-        np.maximum(apart_m[i, j], distance_m - moved_m - SLACK_M - ASKEW_M, out=apart_m[i, j])
-        apart_m[i, j, cell] = np.inf
-        least[i, j] = apart_m[i, j].min()
+        np.maximum(gaps[i, j], distance_m - moved_m - SLACK_M - ASKEW_M, out=gaps[i, j])
+        gaps[i, j, cell] = np.inf
+        least[i, j] = gaps[i, j].min()
     return best
 
 
@@ -178,21 +168,8 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
 
     Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
     """
-    gaps = cdist(a.centres[0], b.centres[0]) - a.radii_m[:, None] - b.radii_m
-    near = np.argwhere(gaps <= 0)  # of a mark on the table, which has no pieces, there is nothing to touch
-    apart = apart_now(a, b)
-    best: Nearest | None = None
-    deepest = 0.0
-    for k in np.argsort(gaps[*near.T], kind="stable"):
-        i, j = near[k].tolist()
-        if best is not None and gaps[i, j] >= deepest:
-            break
-        x, y = a.labels[i], b.labels[j]
-        if apart(x, y):
-            distance = exact_m(a, b, 0, 0, i, j)
-            if distance <= 0 and (best is None or distance < deepest):
-                best, deepest = Nearest(distance, x, y), distance
-    return best
+    found = nearest(a, b, np.zeros((1, 2), dtype=int))
+    return found if found.distance_m <= 0 else None
 
 
 def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:

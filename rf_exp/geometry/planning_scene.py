@@ -95,7 +95,8 @@ class PlanningScene:
                 if segment.attached != name:
                     continue
                 if not mask.any():  # where the scene has it, or where another agent has put it
-                    poses[:] = self._taken_up(segment, tcp[begin])
+                    pushed = segment.opened_rad is not None
+                    poses[:] = self.scene.poses[name] if pushed else self.attached(segment, tcp[begin])
                 mask[begin : end + 1] = True
                 poses[begin + 1 : end + 1] = self.attached(segment, tcp[begin + 1 : end + 1])
                 poses[end:] = poses[end]
@@ -144,22 +145,14 @@ class PlanningScene:
 
     def between(self, a: int, b: int) -> Nearest:
         """The exact distance of two arms as they stand in the scene."""
-        found = nearest(self.measured(a), self.measured(b))
-        assert found is not None  # two arms always have pieces that must keep apart
-        return found
+        return nearest(self.measured(a), self.measured(b))
 
     @staticmethod
-    def below_table(body: Swept, margin_m: float = TABLE_MARGIN_M) -> Mask:
+    def below_table(body: Swept) -> Mask:
         """(P,) True where a link other than the bolted base, or something carried, is inside the table."""
-        return lowest_m(body) < margin_m
+        return lowest_m(body) < TABLE_MARGIN_M
 
     # parts
-
-    def _taken_up(self, segment: Segment, tcp: Matrix) -> Matrix:
-        """world_from_object of what a segment moves, before it does so with the TCP there."""
-        if segment.attached is not None and segment.opened_rad is not None:
-            return self.scene.poses[segment.attached]
-        return self.attached(segment, tcp)
 
     def _pose(self, name: str) -> Matrix:
         """Of clutter where the seed has put it, unless it has been measured since."""
@@ -226,11 +219,11 @@ class PlanningScene:
     @staticmethod
     def _segment_of(trajectory: Trajectory) -> list[tuple[Segment, ...]]:
         """The segments of every path position; a knot between two belongs to both."""
-        found: list[tuple[Segment, ...]] = [() for _ in range(len(trajectory) + 1)]
-        for segment, begin, end in trajectory.intervals:
-            for position in range(begin, end + 1):
-                found[position] = (*found[position], segment)
-        return found
+        parts = tuple(trajectory.intervals)
+        return [
+            tuple(segment for segment, begin, end in parts if begin <= position <= end)
+            for position in range(len(trajectory) + 1)
+        ]
 
     def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """(P,) of each finger. Never narrower than it really is while the fingers close."""
@@ -282,7 +275,6 @@ class PlanningScene:
                 there = np.tile(poses[position], (1, len(thing.pieces), 1, 1))
                 here = replace(thing, poses=there, carried=mask)
                 for other in others:
-                    gap = nearest(here, self.standing([other]))
-                    if gap is not None and gap.distance_m < RESTS_M:
+                    if nearest(here, self.standing([other])).distance_m < RESTS_M:
                         rests[other][begin : end + 1] = True
         return rests

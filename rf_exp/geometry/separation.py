@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
@@ -16,6 +17,7 @@ from rf_exp.geometry.clearance import SLACK_M, Nearest, apart_now, exact_m, over
 from rf_exp.geometry.planning_scene import PlanningScene
 from rf_exp.geometry.swept import Swept, arm_pieces, asset_pieces
 from rf_exp.tasks import Task
+from rf_exp.transforms import placed
 from rf_exp.types import Scene
 
 NEAR_M = 0.1  # from spheres that are nearer the distance of two pieces is measured exactly
@@ -70,7 +72,7 @@ class Separation:
         self._looked: dict[tuple[int, int], _Looked] = {}
         arms = [np.stack([piece.corners for piece in arm_pieces(arm.robot)]) for arm in task.arms.values()]
         self._names = [name for name in task.objects if asset_pieces(task.asset(name))]
-        boxes = [_box(*task.asset(name).bounds_m) for name in self._names]
+        boxes = [trimesh.bounds.corners(task.asset(name).bounds_m) for name in self._names]
         # (B, 8, 3) of all bodies: the links of one arm after the other, then the objects.
         self._boxes = np.concatenate([*arms, np.array(boxes).reshape(-1, 8, 3)])
         ends = np.cumsum([0, *map(len, arms)]).tolist()
@@ -114,7 +116,7 @@ class Separation:
         now = PlanningScene(self._task, scene)
         things = np.array([scene.poses[name] for name in self._names]).reshape(-1, 4, 4)
         body = np.concatenate([*now.links, things])
-        corners = self._boxes @ body[:, :3, :3].swapaxes(1, 2) + body[:, None, :3, 3]
+        corners = placed(body, self._boxes)
         if before is not None:
             moved_m = np.sqrt(((corners - self._corners) ** 2).sum(axis=-1).max(axis=-1))
             self._moved_m += moved_m
@@ -140,11 +142,6 @@ class Separation:
             pieces = len(asset_pieces(self._task.asset(load)))
             more.append(np.full(pieces, self._moved_m[self._objects[load]]))
         return np.concatenate([links, *more])
-
-
-def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(8, 3) corners."""
-    return np.array([np.where(upper, high, low) for upper in np.ndindex(2, 2, 2)])
 
 
 def _bounds_m(a: Swept, b: Swept) -> NDArray[np.float64]:

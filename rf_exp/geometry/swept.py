@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull
 
 from rf_exp.robots import Robot
 from rf_exp.tasks.assets import Asset
+from rf_exp.transforms import placed
 
 COVER_RADIUS_M = 0.06  # spheres of a cover are split until they are smaller than this
 COVER_SPHERES = 8  # or until there are this many
@@ -52,12 +53,10 @@ class Piece:
         # A triangulated flat face repeats its plane.
         _, first = np.unique(np.round(hull.equations, 6), axis=0, return_index=True)
         centre, radius_m = enclosing_sphere(vertices)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        corners = np.array([np.where(upper, high, low) for upper in np.ndindex(2, 2, 2)])
         return Piece(
             vertices=vertices,
             planes=hull.equations[np.sort(first)],
-            corners=corners,
+            corners=trimesh.bounds.corners([vertices.min(axis=0), vertices.max(axis=0)]),
             centre=centre,
             radius_m=radius_m,
             cover=cover(vertices),
@@ -130,8 +129,7 @@ def _coal(vertices: NDArray[np.float64]) -> coal.Convex:
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for corner in np.asarray(mesh.vertices):
         points.append(corner)
-    for a, b, c in mesh.faces.tolist():
-        faces.append(coal.Triangle(a, b, c))
+    faces.extend([coal.Triangle(*face) for face in mesh.faces.tolist()])
     return coal.Convex(points, faces)
 
 
@@ -305,8 +303,7 @@ class Blocks:
     def cover(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(B, L, K, 3) and (L, K) m: the spheres that cover the pieces in the middles of the blocks."""
         local = np.array([piece.cover for piece in self.body.pieces])
-        poses = self.body.poses[self.middle]
-        return local[..., :3] @ poses[..., :3, :3].swapaxes(2, 3) + poses[..., None, :3, 3], local[..., 3]
+        return placed(self.body.poses[self.middle], local[..., :3]), local[..., 3]
 
     @cached_property
     def _sway(self) -> Floats:

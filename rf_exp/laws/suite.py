@@ -74,7 +74,7 @@ def nothing_stands_in_anything(world: Simulator) -> Broken:
         planning_scene = PlanningScene(task, scene)
         things = {name: _solid(planning_scene, name) for name in task.objects if task.asset(name).hulls}
         for (one, a), (other, b) in combinations(things.items(), 2):
-            if (gap_m := _distance_m(a, b)) <= -RESTING_M:
+            if (gap_m := nearest(a, b).distance_m) <= -RESTING_M:
                 yield f"seed {seed}: {one} and {other} overlap by {-1000 * gap_m:.1f} mm"
         for name in things:
             if (low_m := float(task.asset(name).vertices(scene.poses[name])[:, 2].min())) <= -RESTING_M:
@@ -82,7 +82,7 @@ def nothing_stands_in_anything(world: Simulator) -> Broken:
         for agent in task.agents:
             arm = planning_scene.arm(agent, scene.qpos[agent - 1])
             for name, thing in things.items():
-                if (gap_m := _distance_m(arm, thing)) <= OBJECT_MARGIN_M:
+                if (gap_m := nearest(arm, thing).distance_m) <= OBJECT_MARGIN_M:
                     yield f"seed {seed}: agent {agent} is {1000 * gap_m:.1f} mm from {name}"
         for a, b in combinations(task.agents, 2):
             if (gap_m := planning_scene.between(a, b).distance_m) <= AGENT_MARGIN_M:
@@ -92,11 +92,6 @@ def nothing_stands_in_anything(world: Simulator) -> Broken:
 def _solid(planning_scene: PlanningScene, name: str) -> Swept:
     """An object that may touch nothing, unlike one that lies on another."""
     return replace(planning_scene.standing([name]), objects=frozenset())
-
-
-def _distance_m(a: Swept, b: Swept) -> float:
-    found = nearest(a, b)
-    return np.inf if found is None else found.distance_m
 
 
 def nothing_moves_by_itself(world: Simulator) -> Broken:

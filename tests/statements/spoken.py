@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from rf_exp.statements import Form, kinds
+from rf_exp.statements import kinds
 from rf_exp.statements.language.notation import compiled
 
 OBJECTS = ("lid", "the lid", "steak", "the steak", "its pot", "a pot")
@@ -99,9 +99,5 @@ class _Pattern:
 def forms() -> Iterator[tuple[str, tuple[Part, ...]]]:
     """The pattern of every form of every kind, under a name."""
     for kind in kinds():
-        for number, form in enumerate(kind.forms()):
-            yield f"{kind.__name__} {number}", parts(form)
-
-
-def parts(form: Form) -> tuple[Part, ...]:
-    return (Part(choices=_Pattern(compiled(form.notation).pattern).choices()),)
+        for number, pattern in enumerate(kind.patterns):
+            yield f"{kind.__name__} {number}", (Part(choices=_Pattern(compiled(pattern).pattern).choices()),)

@@ -6,7 +6,7 @@ cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import combinations
 
 import numpy as np
@@ -62,7 +62,6 @@ class AvoidAgentsCheck(Check):
             hits = np.flatnonzero(plan.paths.diagrams[i, j][at[:, 0], at[:, 1]])
             cells = at[hits[:1]] if len(hits) else at
             gap = nearest(plan.paths.swept[i - 1], plan.paths.swept[j - 1], cells)
-            assert gap is not None  # links must always keep apart
             numbers = gap.distance_m, AGENT_MARGIN_M, plan.step_s(plan.first_step((i, j), gap.at))
             if len(hits):
                 does, parts = plan.doing((i, j), gap.at), (gap.a, gap.b)
@@ -72,7 +71,7 @@ class AvoidAgentsCheck(Check):
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        may_touch = cache(lambda agent: may_touch_now(plan, agent, scene))
+        may_touch = cache(partial(may_touch_now, plan, scene))
         return touching(plan.separation, scene, self.pairs(plan.task), may_touch)
 
     def stl(self, task: Task) -> Specification:
@@ -87,15 +86,11 @@ class AvoidAgentsCheck(Check):
 
 def apart_m(plan: Plan, scene: Scene, pair: Pair) -> float:
     """The distance of two measured arms as `AvoidAgentsCheck` takes it; negative: penetration depth."""
-    one, other = measured_pair(
-        PlanningScene(plan.task, scene), pair, lambda agent: may_touch_now(plan, agent, scene)
-    )
-    gap = nearest(one, other)
-    assert gap is not None  # links must always keep apart
-    return gap.distance_m
+    may_touch = partial(may_touch_now, plan, scene)
+    return nearest(*measured_pair(PlanningScene(plan.task, scene), pair, may_touch)).distance_m
 
 
-def may_touch_now(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
+def may_touch_now(plan: Plan, scene: Scene, agent: int) -> frozenset[str]:
     """What an agent may touch by its plan, now or just before: a measured arm trails its commands."""
     recent = plan.recent(agent, scene, TRAILS_STEPS)
     body = plan.paths.swept[agent - 1]
@@ -187,7 +182,7 @@ class AvoidObjectsCheck(Check):
             if len(hits):
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
-            if gap is not None and gap.distance_m < least.value:
+            if gap.distance_m < least.value:
                 about: About = {"agents": (agent,), "obstacles": (gap.b,)}
                 numbers = gap.distance_m, OBJECT_MARGIN_M, plan.time_s(agent, gap.at[0])
                 least = self.found(True, Finding.CLEAR_OF_THING, *numbers, **about)
@@ -199,7 +194,7 @@ class AvoidObjectsCheck(Check):
         gap = nearest(finer, still, np.stack([rows, 0 * rows], axis=1))
         low_m = float(lowest_m(body)[position])
         part, thing, value = "arm", "the table", low_m
-        if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
+        if gap.a and (low_m >= 0 or gap.distance_m < low_m):
             part, thing, value = gap.a, gap.b, gap.distance_m
         numbers = value, OBJECT_MARGIN_M, plan.time_s(agent, position)
         does = plan.doing((agent,), (position,))
@@ -221,8 +216,8 @@ def _clearance(agent: int) -> Signal:
         body, still = paths.swept[agent - 1], paths.still[agent - 1]
         low_m, found = lowest_m(body), {}
         for position in np.unique(at).tolist():
-            gap = nearest(body, still, np.array([[position, 0]]))
-            found[position] = 2 * VOID if gap is None else gap.distance_m  # less the margin still void
+            gap_m = nearest(body, still, np.array([[position, 0]])).distance_m
+            found[position] = min(gap_m, 2 * VOID)  # less the margin still void
             if paths.blocked[agent - 1][position] and low_m[position] >= TABLE_MARGIN_M:  # doubt counts
                 found[position] = min(found[position], np.nextafter(OBJECT_MARGIN_M, 0.0))
         return np.array([found[position] for position in at.tolist()])

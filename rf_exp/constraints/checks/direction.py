@@ -94,7 +94,7 @@ class DirectionCheck(ContactCheck):
         part = span(phase, trajectory)
         if part is None:
             return self.idle(plan, ANGLE_DEG)
-        tcp = plan.arm(self.agent).tcp(trajectory.path()[part[0] : part[1] + 1])
+        tcp = plan.task.arms[self.agent].tcp(trajectory.path()[part[0] : part[1] + 1])
         off_rad = np.array([self._off_rad(each, plan.scene.poses[self.object], None) for each in tcp])
         worst = self.worst(np.degrees(off_rad))
         return self._turned(off_rad[worst], plan.time_s(self.agent, part[0] + worst))

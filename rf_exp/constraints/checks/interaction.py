@@ -33,7 +33,7 @@ class Contact:
 
     def tcp(self, plan: Plan) -> Matrix:
         """world_from_tcp as planned."""
-        return plan.arm(self.segment.agent).tcp(self.segment.qpos[-1])
+        return plan.task.arms[self.segment.agent].tcp(self.segment.qpos[-1])
 
     def object_pose(self, plan: Plan, name: str) -> Matrix:
         """world_from_object: where it stands, or where another agent leaves it, whichever is met."""

@@ -47,7 +47,6 @@ class KeepApartCheck(BoundedCheck):
         at = np.stack([plan.positions(agent) for agent in self.agents], axis=1)
         if self.parts == "arms":
             gap = nearest(*self._links(plan.paths), at)
-            assert gap is not None  # links must always keep apart
             value, step = gap.distance_m, plan.first_step(self.agents, gap.at)
         else:
             a_m, b_m = (plan.paths.grippers_m(agent)[at[:, row]] for row, agent in enumerate(self.agents))

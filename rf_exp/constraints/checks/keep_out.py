@@ -88,7 +88,6 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
         hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
         at = np.unique(own[hits[:1]] if len(hits) else own[steps])
         gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
-        assert gap is not None  # a zone must always be kept out of
         time_s = plan.step_s(int(steps[own[steps] == gap.at[0]][0]))
         return self._beside(gap, not len(hits), time_s, plan.doing(self.agents, gap.at[:1]))
 
@@ -112,9 +111,7 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
     def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
         """From a measured arm, with what it holds, to the zone."""
         arm = PlanningScene(plan.task, scene).measured(agent, attached=scene.held[agent - 1], touches=())
-        gap = nearest(arm, self._zone())
-        assert gap is not None
-        return gap
+        return nearest(arm, self._zone())
 
     def _beside(self, gap: Nearest, ok: bool, time_s: float, does: tuple[Doing | None, ...] = ()) -> Evidence:
         """`does`: what the agent is about, as planned; empty as measured."""

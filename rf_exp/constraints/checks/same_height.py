@@ -54,7 +54,7 @@ class SameHeightCheck(BoundedCheck):
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         held = {scene.held[agent - 1] for agent in self.agents}
         name = next(iter(held))
-        if not plan.constraint_set.temporal or len(held) != 1 or name not in self._together(plan):
+        if not plan.paths.constraint_set.temporal or len(held) != 1 or name not in self._together(plan):
             return None
         rises = []
         for agent in self.agents:
@@ -62,7 +62,7 @@ class SameHeightCheck(BoundedCheck):
             now = plan.position_now(agent, scene)
             if now <= begin or (self.phase and now > end):
                 return None
-            arm = plan.arm(agent)
+            arm = plan.task.arms[agent]
             joints = map(arm.joints, (scene.qpos[agent - 1], plan.trajectory(agent).path()[begin]))
             here, before = arm.tcp(np.stack(list(joints)))
             rises.append(here[2, 3] - before[2, 3])
@@ -83,9 +83,8 @@ class SameHeightCheck(BoundedCheck):
 
     def _rise_m(self, plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
         """How far an agent has raised a thing: (T + 1,), or (1,) at the end without a model of time."""
-        trajectory = plan.trajectory(agent)
-        height = plan.paths.grippers_m(agent)[:, 2]
-        positions = plan.positions(agent) if plan.constraint_set.temporal else np.array([len(trajectory)])
+        height, timed = plan.paths.grippers_m(agent)[:, 2], plan.paths.constraint_set.temporal
+        positions = plan.positions(agent) if timed else np.array([len(height) - 1])
         begin, end = self._span(plan, agent, name)
         return height[np.clip(positions, begin, end)] - height[begin]
 

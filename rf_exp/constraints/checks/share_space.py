@@ -30,7 +30,7 @@ class ShareSpaceCheck(Check):
         return f"VS({names(self.agents)}, share space)"
 
     def planned(self, plan: Plan) -> Evidence:
-        if not plan.constraint_set.spatial:
+        if not plan.paths.constraint_set.spatial:
             return self.idle(plan, 0.0)
         pairs = [pair for pair in plan.paths.diagrams if set(pair) <= set(self.agents)]
         found = [_handover(plan, *pair) for pair in pairs if plan.paths.diagrams[pair].any()]

@@ -40,7 +40,7 @@ class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
         return self.at_most_m_s, self.at_most_m_s * MEASURED_SPEED
 
     def planned(self, plan: Plan) -> Evidence:
-        speeds = speeds_m_s(plan.arm(self.agent), plan.trajectory(self.agent).path())
+        speeds = speeds_m_s(plan.task.arms[self.agent], plan.trajectory(self.agent).path())
         if not len(speeds):
             return self.idle(plan, self.at_most_m_s)
         fastest = self.worst(speeds)
@@ -50,7 +50,7 @@ class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         qpos, qvel = scene.qpos[self.agent - 1], scene.qvel[self.agent - 1]
         path = np.stack([qpos, qpos + qvel * CONTROL_DT_S])
-        speed = speeds_m_s(plan.arm(self.agent), path)[0]
+        speed = speeds_m_s(plan.task.arms[self.agent], path)[0]
         return self.judged(speed, scene.time_s, measured=True)
 
     def stl(self, task: Task) -> Specification:

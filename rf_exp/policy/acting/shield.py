@@ -166,9 +166,7 @@ class Lookahead:
 
 
 def _apart_m(a: Swept, b: Swept, row: int, column: int) -> float:
-    found = nearest(a, b, np.array([[row, column]]))
-    assert found is not None  # links must always keep apart
-    return found.distance_m
+    return nearest(a, b, np.array([[row, column]])).distance_m
 
 
 class Shield:

@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
@@ -250,14 +250,6 @@ class Words:
         return self.vocabulary.agent(int(agent.removeprefix("agent_")), self._where)
 
 
-@dataclass(frozen=True)
-class Form:
-    """One way to say something: a pattern in the notation of `rf_exp.statements.language.notation`."""
-
-    notation: str
-    build: Callable[[Words], "Statement"]
-
-
 _KINDS: list[type["Statement"]] = []
 
 
@@ -268,12 +260,12 @@ class Statement(ABC):
     """
 
     kind: ClassVar[Kind]
-    patterns: ClassVar[tuple[str, ...]]  # that are read as it, in the notation of forms
+    patterns: ClassVar[tuple[str, ...]]  # that are read as it: `rf_exp.statements.language.notation`
     samples: ClassVar[tuple["Statement", ...]]  # whose sentences stand in prompts
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
-        if {"patterns", "forms"} & cls.__dict__.keys():
+        if "patterns" in cls.__dict__:
             _KINDS.append(cls)
 
     @property
@@ -291,11 +283,6 @@ class Statement(ABC):
         named, parts = getattr(self, "object", None), vars(self).values()
         own = ((named, None),) if named else ()
         return *own, *(name for part in parts if isinstance(part, Event) for name in part.names)
-
-    @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        """The ways to say such a statement: its patterns, all with one reading."""
-        return tuple(Form(each, cls.reading) for each in cls.patterns)
 
     @classmethod
     def reading(cls, words: Words) -> "Statement":

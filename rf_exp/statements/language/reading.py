@@ -15,7 +15,7 @@ from typing import Self
 
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Finding, Misread, agent_name
-from rf_exp.statements.language.base import Form, Statement, Vocabulary, Words, kinds
+from rf_exp.statements.language.base import Statement, Vocabulary, Words, kinds
 from rf_exp.statements.language.notation import (
     ANYBODYS,
     UNITS,
@@ -97,8 +97,8 @@ def read(text: str, vocabulary: Vocabulary, filed: Sequence[int] = ()) -> Statem
     words = text.rstrip(".! \t\n").split()
     if (matched := _read(words, vocabulary)) is None:
         raise _not_understood(text, words, vocabulary)
-    form, parts = matched
-    return form.build(Words(parts, text, vocabulary, tuple(filed))).known_in(vocabulary)
+    kind, parts = matched
+    return kind.reading(Words(parts, text, vocabulary, tuple(filed))).known_in(vocabulary)
 
 
 def understood(text: str, vocabulary: Vocabulary, kind: Kind, filed: Sequence[int] = ()) -> Statement:
@@ -115,11 +115,6 @@ def samples() -> Iterator[Statement]:
     return (sample for kind in kinds() for sample in kind.samples)
 
 
-@cache
-def _forms(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
-    return tuple(form for kind in known for form in kind.forms())
-
-
 def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
     sentence = " ".join(words).lower().replace("\u2019", "'")
     for short, long in _SHORT.items():
@@ -134,11 +129,12 @@ def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
     return _SIDE.sub(named, sentence)
 
 
-def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[Form, dict[str, str]] | None:
+def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[type[Statement], dict[str, str]] | None:
     sentence = _normal(words, vocabulary)
-    for form in _forms(tuple(kinds())):
-        if match := compiled(form.notation).fullmatch(sentence):
-            return form, found(match)
+    for kind in kinds():
+        for pattern in kind.patterns:
+            if match := compiled(pattern).fullmatch(sentence):
+                return kind, found(match)
     return None
 
 
@@ -162,16 +158,16 @@ def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
     runs = [(k, k + length) for length in range(1, _LONGEST_RUN + 1) for k in range(count - length, -1, -1)]
     for start, end in (*tails, *runs):
         matched = _read([*words[:start], *words[end:]], vocabulary)
-        form, parts = matched or (None, {})
+        kind, parts = matched or (None, {})
         things = (part for key, part in parts.items() if "object" in key)
-        if form and all(vocabulary.named(object_name(thing)) for thing in things):
+        if kind and all(vocabulary.named(object_name(thing)) for thing in things):
             try:
-                statement = form.build(Words(parts, "", vocabulary)).known_in(vocabulary)
+                statement = kind.reading(Words(parts, "", vocabulary)).known_in(vocabulary)
             except ArgumentError:
                 continue
             return statement.sentence, " ".join(words[start:end])
     spoken = " ".join([*vocabulary.objects, *(point for of in vocabulary.points.values() for point in of)])
-    known = _known_words(_forms(tuple(kinds())), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
+    known = _known_words(tuple(kinds()), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
     unknown = [word for word in words if not known.issuperset(_WORD.findall(word.lower()))]
     sentence = [word.lower() for word in words]
 
@@ -182,12 +178,13 @@ def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
 
 
 @cache
-def _known_words(forms: tuple[Form, ...], verbs: tuple[str, ...]) -> frozenset[str]:
+def _known_words(known: tuple[type[Statement], ...], verbs: tuple[str, ...]) -> frozenset[str]:
     """All words of the patterns, which depend on the verbs."""
     return frozenset(
         word
-        for form in forms
-        for written, optional in _WRITTEN.findall(compiled(form.notation).pattern)
+        for kind in known
+        for pattern in kind.patterns
+        for written, optional in _WRITTEN.findall(compiled(pattern).pattern)
         for word in (written, written[:-1] if optional else written)
     )
 
