@@ -21,7 +21,7 @@ from rf_exp.types import Kind, Scene, Subgoal
 
 _CAUSES: Mapping[Kind, Cause] = {"logical": Cause.INTERACTION, "temporal": Cause.TIME, "spatial": Cause.SPACE}
 _COMPARED: Mapping[str, Callable[..., bool]] = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
-_CHECKS: dict[type[Statement], type["Check"]] = {}  # of each kind of statement
+CHECKS: dict[type[Statement], type["Check"]] = {}  # of each kind of statement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class Check(ABC):
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
         if "states" in cls.__dict__:
-            _CHECKS[cls.states] = cls
+            CHECKS[cls.states] = cls
 
     @property
     def kind(self) -> Kind:
@@ -197,18 +197,3 @@ class Plans:
 
     def refused(self, why: str) -> ArgumentError:
         return Misread(f"constraint {self._stated.sentence!r} {why}", Finding.UNFITTING_CONSTRAINT)
-
-
-def checked_kinds() -> Mapping[type[Statement], type[Check]]:
-    return dict(_CHECKS)
-
-
-def compiled(stated: Statement, task: Task, proposal: Proposal) -> Check:
-    """The check of a statement about a plan: it speaks of subgoals, objects and points that are there.
-
-    Raises ArgumentError where it does not fit the plan, and TypeError for a kind that has no check.
-    """
-    known, kind = stated.known_in(task.vocabulary), _CHECKS.get(type(stated))
-    if kind is None:
-        raise TypeError(f"no check states that it is of {type(stated).__name__}")
-    return kind.compiled(known, Plans(task, proposal, stated))

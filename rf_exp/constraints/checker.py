@@ -11,7 +11,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from rf_exp.constraints.check import Check, Evidence, compiled, violation
+from rf_exp.constraints.check import CHECKS, Check, Evidence, Plans, violation
 from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgentsCheck, AvoidObjectsCheck, touching
 from rf_exp.constraints.checks.before import BeforeCheck
 from rf_exp.constraints.checks.speed_limit import SpeedLimitCheck
@@ -25,7 +25,6 @@ from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory, arm_of
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
-
 
 TRACKING_RAD = 0.15  # beyond the lag
 LOST_STEPS = 4  # control steps without grip before something counts as lost
@@ -49,6 +48,21 @@ class CheckCode:
     def of(self, constraint_set: ConstraintSet) -> tuple[Check, ...]:
         """The checks that a row of the ablation has switched on."""
         return tuple(check for check in self.checks if check.kind not in constraint_set.off)
+
+
+def checked_kinds() -> Mapping[type[Statement], type[Check]]:
+    return dict(CHECKS)
+
+
+def compiled(stated: Statement, task: Task, proposal: Proposal) -> Check:
+    """The check of a statement about a plan: it speaks of subgoals, objects and points that are there.
+
+    Raises ArgumentError where it does not fit the plan, and TypeError for a kind that has no check.
+    """
+    known, kind = stated.known_in(task.vocabulary), CHECKS.get(type(stated))
+    if kind is None:
+        raise TypeError(f"no check states that it is of {type(stated).__name__}")
+    return kind.compiled(known, Plans(task, proposal, stated))
 
 
 def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) -> CheckCode:

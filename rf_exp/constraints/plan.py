@@ -17,8 +17,9 @@ from rf_exp.geometry import (
     Separation,
     Swept,
     closer_than,
+    joined,
 )
-from rf_exp.perception import Seen, together
+from rf_exp.perception import Seen
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
@@ -73,7 +74,7 @@ class Paths:
             about = {name for segment in trajectory.segments for name in segment.about}
             about &= set(self.task.objects)
             boxes, exactly = seen.obstacles(trajectory.agent, about | moved)
-            found.append(together(self.planning_scene.standing(sorted(exactly - moved)), boxes))
+            found.append(joined([self.planning_scene.standing(sorted(exactly - moved)), boxes]))
         return tuple(found)
 
     @cached_property

@@ -5,29 +5,6 @@ violation why there is none; `sequential` lets agents take turns. `assign` says 
 are paths.
 """
 
-from rf_exp.coordination.assignment import Assignment, assign
-from rf_exp.coordination.scheduling import (
-    Closing,
-    Delays,
-    Demands,
-    Rule,
-    actions,
-    alike,
-    intended,
-    schedule,
-    sequential,
-)
+import lazy_loader
 
-__all__ = [
-    "Assignment",
-    "Closing",
-    "Delays",
-    "Demands",
-    "Rule",
-    "actions",
-    "alike",
-    "assign",
-    "intended",
-    "schedule",
-    "sequential",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_array, hstack, kron, vstack
 
 NODES = 500  # of a search, which is counted and not timed: the answer is the same on every machine
 UNIT_S = 1e-3  # in which time is counted
@@ -50,15 +49,12 @@ def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
         return Assignment((), float(has.max() * UNIT_S), float(has.max() * UNIT_S))
     cost = np.where(can, takes, 0.0)
     # Unknowns: whether job j goes to agent n, all n of a job side by side, and the largest load.
-    once = hstack([kron(np.eye(jobs), np.ones((1, agents))), csr_array((jobs, 1))])
+    once = np.kron(np.eye(jobs), np.ones(agents))  # (J, J * N)
     loads = np.concatenate([np.diag(row) for row in cost], axis=1)  # (N, J * N)
+    largest_load = np.append(np.zeros(jobs), -np.ones(agents))
     lowest: Any = np.append(np.ones(jobs), np.full(agents, -np.inf))  # typed as a number by scipy
     highest: Any = np.append(np.ones(jobs), -has)
-    rules = LinearConstraint(
-        vstack([once, hstack([csr_array(loads), csr_array(-np.ones((agents, 1)))])]).tocsr(),
-        lowest,
-        highest,
-    )
+    rules = LinearConstraint(np.column_stack([np.vstack([once, loads]), largest_load]), lowest, highest)
 
     def searched(weights: Floats, most: float) -> tuple[NDArray[np.int64] | None, float]:
         """The best (J,) agents that were found with loads up to `most`, and the proven bound."""

@@ -7,7 +7,7 @@ finding has the form of its sentence, which names facts in braces. Nothing reads
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
-from typing import TypedDict
+from typing import Any, TypedDict
 
 from rf_exp.errors import ArgumentError
 
@@ -254,7 +254,7 @@ class Found:
         said = self.finding.form.format_map(self)
         return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
 
-    def __getitem__(self, name: str) -> object:
+    def __getitem__(self, name: str) -> Any:
         """What a form names: a fact as it is, or as sentences have it."""
         return _WRITTEN[name](self) if name in _WRITTEN else getattr(self, name)
 

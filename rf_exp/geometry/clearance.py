@@ -11,7 +11,6 @@ Nothing is sampled away: every cell is settled by a bound or exactly.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -26,6 +25,7 @@ BLOCK = 32  # positions on the side of the first blocks
 SAME_M = 1e-6  # between where a thing is left and where it is taken from there
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
 
+Pair = tuple[int, int, Mask, Mask]  # pieces that must keep apart where both masks, (P,) and (Q,), hold
 Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
 
 _REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
@@ -40,15 +40,6 @@ class Nearest:
     a: str = ""
     b: str = ""
     at: tuple[int, int] = (0, 0)  # path positions
-
-
-class Pair(NamedTuple):
-    """Two pieces that must keep apart, where both masks hold."""
-
-    a: int
-    b: int
-    rows: Mask  # (P,)
-    columns: Mask  # (Q,)
 
 
 def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
@@ -206,7 +197,7 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     """
     apart = _apart(a, b)
     pairs = [
-        Pair(i, j, rows, columns)
+        (i, j, rows, columns)
         for i, j in _near(a, b, margin_m, between)
         for rows, columns in apart(a.labels[i], b.labels[j])
     ]
@@ -254,12 +245,13 @@ class _Diagram:
 
     def __init__(self, a: Swept, b: Swept, pairs: Sequence[Pair], margin_m: float) -> None:
         self.margin_m = margin_m
-        self.a, self.b = np.array([pair.a for pair in pairs]), np.array([pair.b for pair in pairs])
+        of_a, of_b, in_rows, in_columns = zip(*pairs, strict=True)
+        self.a, self.b = np.array(of_a), np.array(of_b)
         rows, columns = (-(-len(body) // BLOCK) * BLOCK for body in (a, b))
         self.rows = np.zeros((len(pairs), rows), dtype=bool)
         self.columns = np.zeros((len(pairs), columns), dtype=bool)
-        self.rows[:, : len(a)] = [pair.rows for pair in pairs]
-        self.columns[:, : len(b)] = [pair.columns for pair in pairs]
+        self.rows[:, : len(a)] = in_rows
+        self.columns[:, : len(b)] = in_columns
         self.forbidden = np.ones((rows, columns), dtype=bool)  # beyond the ends nothing is left to find
         self.forbidden[: len(a), : len(b)] = False
 

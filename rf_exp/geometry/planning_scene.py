@@ -2,7 +2,7 @@
 it moves, and the objects that nobody moves. World frame, metres, radians.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import cached_property
 
@@ -82,7 +82,6 @@ class PlanningScene:
         """
         agent, path = trajectory.agent, trajectory.path()
         arm = self.arms[agent - 1]
-        segments = self._segment_of(trajectory)
         qpos = np.hstack([arm_of(path), self._openings_m(trajectory)[:, None].repeat(FINGERS, axis=1)])
         moved: dict[str, NDArray[np.float64]] = {}
         carried: dict[str, Mask] = {}
@@ -104,10 +103,7 @@ class PlanningScene:
                 opened = next((knot for knot in trajectory.knots if knot > end), len(poses))
                 poses[opened:] = fallen(self.task, segment.subgoal, poses[end], self.scene.poses)
             moved[name], carried[name] = poses, mask
-        touches = {
-            name: np.array([any(name in s.touches or name == s.attached for s in at) for at in segments])
-            for name in self.task.objects
-        }
+        touches = self._during(trajectory, lambda segment: segment.touches | {segment.attached})
         holds = dict(carried)
         held = self.scene.held[agent - 1]
         if held is not None:  # until the end of the segment that lets go
@@ -115,7 +111,7 @@ class PlanningScene:
             gripped = np.arange(len(path)) <= next(opens, len(trajectory))
             holds[held] = holds.get(held, gripped) | gripped
             touches[held] = touches[held] | gripped
-        rests = self._rests(trajectory, moved, carried, segments)
+        rests = self._rests(trajectory, moved, carried)
         links = arm.links(qpos)
         return self._body(agent, links, moved, carried=carried, touches=touches, rests=rests, holds=holds)
 
@@ -216,14 +212,13 @@ class PlanningScene:
             **masks,
         )
 
-    @staticmethod
-    def _segment_of(trajectory: Trajectory) -> list[tuple[Segment, ...]]:
-        """The segments of every path position; a knot between two belongs to both."""
-        parts = tuple(trajectory.intervals)
-        return [
-            tuple(segment for segment, begin, end in parts if begin <= position <= end)
-            for position in range(len(trajectory) + 1)
-        ]
+    def _during(self, trajectory: Trajectory, names: Callable[[Segment], Set[str | None]]) -> dict[str, Mask]:
+        """Object -> (P,) True in segments that name it; a knot between two segments belongs to both."""
+        found = {name: np.zeros(len(trajectory) + 1, dtype=bool) for name in self.task.objects}
+        for segment, begin, end in trajectory.intervals:
+            for name in found.keys() & names(segment):
+                found[name][begin : end + 1] = True
+        return found
 
     def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """(P,) of each finger. Never narrower than it really is while the fingers close."""
@@ -253,16 +248,12 @@ class PlanningScene:
         trajectory: Trajectory,
         moved: Mapping[str, NDArray[np.float64]],
         carried: Mapping[str, Mask],
-        segments: list[tuple[Segment, ...]],
     ) -> dict[str, Mask]:
         """What carried objects may touch: what a segment names, and what they lie on at either end.
 
         A lid may scrape the pot while the segment that lifts it off runs, a cube the cube it is set on.
         """
-        rests = {
-            name: np.array([any(name in s.touches for s in at) for at in segments])
-            for name in self.task.objects
-        }
+        rests = self._during(trajectory, lambda segment: segment.touches)
         knots = np.array(trajectory.knots)
         for name, poses in moved.items():
             # What another agent moves will not lie there any more; if it is the place, its segment names it.

@@ -248,11 +248,12 @@ class Swept:
 
 
 def joined(bodies: Sequence[Swept]) -> Swept:
-    """Bodies at as many positions each, as one: of arms that hold nothing, which all keep away from alike."""
+    """Bodies at as many positions each, as one: arms that hold nothing, or things that stand."""
     return Swept(
         tuple(piece for body in bodies for piece in body.pieces),
         tuple(label for body in bodies for label in body.labels),
         np.concatenate([body.poses for body in bodies], axis=1),
+        frozenset().union(*(body.objects for body in bodies)),
         gripper=frozenset().union(*(body.gripper for body in bodies)),
     )
 

@@ -23,7 +23,7 @@ from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, Voxels, among,
 from rf_exp.transforms import transform
 from rf_exp.types import CameraModel
 
-__all__ = ["SEEN", "Seen", "down_to_table", "look", "together"]
+__all__ = ["SEEN", "Seen", "down_to_table", "look"]
 
 NOISE_M = 0.01  # a point this near to the table, an arm, or what it holds may be theirs
 REACH_M = 1.2  # of an arm with its gripper and a load; what is farther from every base is in nobody's way
@@ -160,12 +160,6 @@ def boxes(occupied: Voxels) -> Swept:
     poses[0, :, :3, 3] = low * VOXEL_M
     pieces = tuple(_box(*size) for size in (high - low).tolist())
     return Swept(pieces, (SEEN,) * len(pieces), poses, objects=frozenset({SEEN}))
-
-
-def together(a: Swept, b: Swept) -> Swept:
-    """Two bodies that stand (P = 1) as one."""
-    poses = np.concatenate([a.poses, b.poses], axis=1)
-    return Swept(a.pieces + b.pieces, a.labels + b.labels, poses, objects=a.objects | b.objects)
 
 
 def _joined(low: Voxels, high: Voxels, axis: int) -> tuple[Voxels, Voxels]:

@@ -16,7 +16,6 @@ CONTROL_DT_S = 1.0 / CONTROL_HZ
 ARM_JOINTS = 7  # that policies take; everybody else asks the robots of a task
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
 
-
 # Streams of random numbers of an episode: `default_rng([seed, STREAM, ...])`. Each serves one thing; faults
 # of a brain are drawn where disturbances are. NumPy fills a seed up with zeros: who draws from
 # `[seed, STREAM]` and from `[seed, STREAM, 0]` draws the same numbers twice. Further numbers begin at 1 then.

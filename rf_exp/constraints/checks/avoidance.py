@@ -84,12 +84,6 @@ class AvoidAgentsCheck(Check):
         return Specification((apart, gentle), (*gaps, *forces))
 
 
-def apart_m(plan: Plan, scene: Scene, pair: Pair) -> float:
-    """The distance of two measured arms as `AvoidAgentsCheck` takes it; negative: penetration depth."""
-    may_touch = partial(may_touch_now, plan, scene)
-    return nearest(*measured_pair(PlanningScene(plan.task, scene), pair, may_touch)).distance_m
-
-
 def may_touch_now(plan: Plan, scene: Scene, agent: int) -> frozenset[str]:
     """What an agent may touch by its plan, now or just before: a measured arm trails its commands."""
     recent = plan.recent(agent, scene, TRAILS_STEPS)
@@ -102,21 +96,24 @@ def _gap(pair: Pair) -> Signal:
     who = " and ".join(map(agent_name, pair))
     how = f"exact distance of the measured arms of {who} with what they hold; negative: penetration"
 
-    def apart(execution: Execution) -> NDArray[np.float64]:
-        return np.array([apart_m(execution.plan, scene, pair) for scene in execution.scenes])
+    def apart_m(execution: Execution) -> NDArray[np.float64]:
+        plan, found = execution.plan, []
+        for scene in execution.scenes:
+            now, may_touch = PlanningScene(plan.task, scene), partial(may_touch_now, plan, scene)
+            found.append(nearest(*measured_pair(now, pair, may_touch)).distance_m)
+        return np.array(found)
 
-    return Signal(named("distance", *pair), "m", how, apart)
+    return Signal(named("distance", *pair), "m", how, apart_m)
 
 
 def _force(pair: Pair) -> Signal:
     how = f"largest force between the arms of {' and '.join(map(agent_name, pair))}; 0 without contact"
 
-    def largest(scene: Scene) -> float:
-        return max((n for a, b, n in scene.arm_contacts if tuple(sorted((a, b))) == pair), default=0.0)
+    def largest_n(execution: Execution) -> NDArray[np.float64]:
+        contacts = (scene.arm_contacts for scene in execution.scenes)
+        return np.array([max([0.0, *(n for a, b, n in now if {a, b} == {*pair})]) for now in contacts])
 
-    return Signal(
-        named("force", *pair), "N", how, lambda execution: np.array([*map(largest, execution.scenes)])
-    )
+    return Signal(named("force", *pair), "N", how, largest_n)
 
 
 def touching(

@@ -1,0 +1,11 @@
+from .assignment import Assignment as Assignment
+from .assignment import assign as assign
+from .scheduling import Closing as Closing
+from .scheduling import Delays as Delays
+from .scheduling import Demands as Demands
+from .scheduling import Rule as Rule
+from .scheduling import actions as actions
+from .scheduling import alike as alike
+from .scheduling import intended as intended
+from .scheduling import schedule as schedule
+from .scheduling import sequential as sequential
