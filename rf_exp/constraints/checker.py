@@ -101,7 +101,7 @@ class Monitor:
             (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
         ]
         for (agent, name), force in scene.finger_forces.items():
-            segment = plan.segment_at(agent, now[agent])
+            segment = plan.trajectory(agent).segment_at(now[agent])
             if segment is None or name not in segment.about:
                 forces.append((float(np.linalg.norm(force)), (agent,), (name,)))
         numbers = {f"agent{agent}": agent for agent in plan.task.agents}
@@ -119,7 +119,7 @@ class Monitor:
         plan = self._plan
         for agent in plan.task.agents:
             position = plan.position_now(agent, scene)
-            segment = plan.segment_at(agent, position) if position > 0 else None
+            segment = plan.trajectory(agent).segment_at(position) if position > 0 else None
             carried = segment.gripped if segment is not None else None
             holds = carried is None or scene.held[agent - 1] == carried
             self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1

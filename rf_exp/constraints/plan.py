@@ -182,13 +182,10 @@ class Plan:
         """When an agent first is at a path position, on the clock of the episode."""
         return self.step_s(int(np.searchsorted(self.positions(agent), position)))
 
-    def segment_at(self, agent: int, position: int) -> Segment | None:
-        return self.paths.trajectory(agent).segment_at(position)
-
     def doing(self, agents: Iterable[int], positions: Iterable[int]) -> tuple[Doing | None, ...]:
         """What each of these agents is about at its path position."""
-        pairs = zip(agents, positions, strict=True)
-        return tuple(doing(self.segment_at(agent, int(position))) for agent, position in pairs)
+        pairs = zip(map(self.trajectory, agents), positions, strict=True)
+        return tuple(doing(trajectory.segment_at(int(position))) for trajectory, position in pairs)
 
 
 def _finer(trajectory: Trajectory) -> Trajectory:

@@ -35,22 +35,24 @@ class Rule(Protocol):
 class Closing:
     """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
 
-    pair: tuple[int, int]  # (i, j), i < j
-    cells: Mask  # (P_i, P_j) path positions that may not be at the same time
+    pair: tuple[int, int]  # (a, b)
+    cells: Mask  # (P_a, P_b) path positions that may not be at the same time
 
     def demand(self, demands: "Demands") -> None:
-        demands.apart(*self.pair, self.cells)
+        demands.of(*self.pair)[self.cells] = True
 
 
 class Demands:
     """What the rules ask of a schedule of trajectories. Agents from 1; positions on their paths."""
 
-    def __init__(self, trajectories: Sequence[Trajectory]) -> None:
+    def __init__(self, trajectories: Sequence[Trajectory], rules: Sequence[Rule] = ()) -> None:
         self.trajectories = tuple(trajectories)
         self.cells: dict[tuple[int, int], Mask] = {}
         self.dwells: dict[tuple[int, int], int] = {}  # (agent, position) -> steps to stay there
         self.after_dwell: list[tuple[int, int, int, int, bool]] = []
         self.deadlines: list[tuple[int, int, int]] = []  # (agent, position, steps) reached at the latest then
+        for rule in rules:
+            rule.demand(self)
 
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
@@ -59,19 +61,15 @@ class Demands:
         """(P_i, P_j) of the diagram of two agents."""
         return len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1
 
-    def forbid(self, a: int, rows: slice, b: int, columns: slice) -> None:
-        """Agents a and b may not be at these positions at the same time."""
+    def of(self, a: int, b: int) -> Mask:
+        """(P_a, P_b) positions at which two agents may not be at the same time, to be added to."""
         i, j = sorted((a, b))
         mask = self.cells.setdefault((i, j), np.zeros(self.shape(i, j), dtype=bool))
-        (mask if a < b else mask.T)[rows, columns] = True
-
-    def apart(self, i: int, j: int, mask: Mask) -> None:
-        """Agents i < j may not be at the pairs of positions (P_i, P_j) of a mask at the same time."""
-        self.cells[i, j] = mask | self.cells.get((i, j), np.zeros_like(mask))
+        return mask if a < b else mask.T
 
     def before(self, a: int, end: int, b: int, start: int) -> None:
         """b leaves position `start` only once a has reached `end`."""
-        self.forbid(a, slice(0, end), b, slice(start + 1, None))
+        self.of(a, b)[:end, start + 1 :] = True
 
     def together(self, a: int, start_a: int, b: int, start_b: int, within_steps: int) -> None:
         """a and b leave their positions at most `within_steps` apart.
@@ -82,16 +80,15 @@ class Demands:
             knots = self.trajectory(first).knots
             run = min((knot for knot in knots if knot > start), default=start + 1) - start
             apart = max(0, min(within_steps, run - 1))
-            self.forbid(first, slice(start + apart + 1, None), other, slice(0, other_start + 1))
+            self.of(first, other)[start + apart + 1 :, : other_start + 1] = True
 
     def lockstep(self, a: int, start_a: int, b: int, start_b: int, steps: int) -> None:
         """a and b run `steps` positions side by side, never one ahead of the other."""
-        i, j = sorted((a, b))
-        start = {a: start_a, b: start_b}
-        done_i, done_j = (
-            np.clip(np.arange(len(self.trajectory(agent)) + 1) - start[agent], 0, steps) for agent in (i, j)
+        done_a, done_b = (
+            np.clip(np.arange(count) - start, 0, steps)
+            for count, start in zip(self.shape(a, b), (start_a, start_b), strict=True)
         )
-        self.apart(i, j, done_i[:, None] != done_j[None, :])
+        self.of(a, b)[done_a[:, None] != done_b] = True
 
     def delay(self, a: int, end: int, b: int, start: int, steps: int) -> None:
         """b leaves `start` at the earliest `steps` after a has reached `end`.
@@ -131,9 +128,7 @@ def schedule(
     _agents(trajectories)
     diagrams = diagrams or {}
     _shapes(trajectories, diagrams)
-    demands, unscheduled = Demands(trajectories), _Unscheduled(trajectories, diagrams, begins_s)
-    for rule in rules:
-        rule.demand(demands)
+    demands, unscheduled = Demands(trajectories, rules), _Unscheduled(trajectories, diagrams, begins_s)
     for label, runs in _joint_runs(trajectories):
         for (a, start_a, length_a), (b, start_b, length_b) in combinations(runs, 2):
             if length_a != length_b:

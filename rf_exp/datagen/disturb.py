@@ -259,7 +259,7 @@ class ObjectMotionWatch:
         found = {name for name in scene.held if name is not None}
         for agent in self._plan.task.agents:
             position = self._plan.position_now(agent, scene)
-            segment = self._plan.segment_at(agent, position) if position > 0 else None
+            segment = self._plan.trajectory(agent).segment_at(position) if position > 0 else None
             if segment is not None and segment.primitive != "approach":
                 found |= segment.touches
         return found | {

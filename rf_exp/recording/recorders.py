@@ -174,10 +174,7 @@ def check_result(check: Check, evidence: Evidence) -> CheckResult:
 
 def orders(checker: RoboChecker, paths: Paths) -> Mapping[tuple[int, int], Mask]:
     """(P_i, P_j) for pairs of agents i < j: True where what a plan demands of timing forbids to be."""
-    demands = Demands(paths.trajectories)
-    for rule in checker.rules(paths):
-        rule.demand(demands)
-    return demands.cells
+    return Demands(paths.trajectories, checker.rules(paths)).cells
 
 
 class RolloutRecorder(SceneRecorder):

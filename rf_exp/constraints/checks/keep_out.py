@@ -76,8 +76,7 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
         if other == self.agent:
             return None
         mask = self._inside(paths, self.agent)[:, None] & closed[None, :]
-        i, j = sorted((self.agent, other))
-        return Closing((i, j), mask if i == self.agent else mask.T)
+        return Closing((self.agent, other), mask)
 
     def planned(self, plan: Plan) -> Evidence:
         body, own = plan.paths.swept[self.agent - 1], plan.positions(self.agent)
