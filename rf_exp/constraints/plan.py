@@ -188,14 +188,19 @@ class Plan:
         return tuple(doing(trajectory.segment_at(int(position))) for trajectory, position in pairs)
 
 
+def resampled(segment: Segment, path: NDArray[np.float64], at: NDArray[np.float64]) -> Segment:
+    """The same motion at positions `at` (T,) of its own path (len + 1, dof + 1), straight between these."""
+    rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+    opened_rad = segment.opened_rad
+    if opened_rad is not None:
+        opened_rad = np.interp(at, np.arange(1, len(path)), opened_rad)
+    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows), opened_rad=opened_rad)
+
+
 def _finer(trajectory: Trajectory) -> Trajectory:
-    """The same motion with FINER path positions for each one, straight in joints and gripper."""
+    """The same motion with FINER path positions for each one."""
     path, segments = trajectory.path(), []
     for segment, start, end in trajectory.intervals:
-        at = np.arange(FINER * start + 1, FINER * end + 1) / FINER
-        finer = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-        made = replace(segment, qpos=arm_of(finer), gripper=gripper_of(finer))
-        if (opened_rad := segment.opened_rad) is not None:
-            opened_rad = np.interp(at, np.arange(start + 1, end + 1), opened_rad)
-        segments.append(replace(made, opened_rad=opened_rad))
+        at = np.arange(1, FINER * len(segment) + 1) / FINER
+        segments.append(resampled(segment, path[start : end + 1], at))
     return replace(trajectory, segments=tuple(segments))

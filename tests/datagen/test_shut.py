@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import Paths
+from rf_exp.constraints import Paths, slowed
 from rf_exp.datagen import State, Unreachable
 from rf_exp.statements import Proposal, read_subgoal
 from rf_exp.tasks import Task
@@ -43,6 +43,16 @@ def test_closed_fingers_come_sweep_stay_and_draw_back(task: Task, swept) -> None
     still = (sweep.qpos == sweep.qpos[-1]).all(axis=1)
     assert opened_deg[still].max() == pytest.approx(hinge.falls_deg, abs=0.2)
     assert still.sum() == pytest.approx(20 * hinge.falls_s + 1, abs=1)
+
+
+def test_the_lid_turns_as_slowly_as_it_is_swept(task: Task, swept) -> None:
+    scene, trajectory, _ = swept
+    slow = slowed(_all(task, scene, trajectory), [*task.arms.values()], {3: 0.05})
+    sweep = slow[2].segments[2]
+    assert sweep.opened_rad is not None and len(sweep) > 2 * len(trajectory.segments[2])
+    assert len(sweep.opened_rad) == len(sweep) and sweep.opened_rad[-1] == 0
+    body = Paths(task, ConstraintSet("full"), scene, slow).swept[2]
+    np.testing.assert_allclose(body.poses[-1, body.labels.index("lid")], _shut(task, scene))
 
 
 def test_the_finger_tips_stay_on_the_plate_while_they_sweep(task: Task, swept) -> None:

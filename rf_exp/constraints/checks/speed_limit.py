@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck
-from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.plan import Plan, resampled
 from rf_exp.constraints.stl import Specification, named
 from rf_exp.findings import CheckName, Finding, agent_name
 from rf_exp.robots import Arm
 from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory, arm_of, gripper_of
+from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory
 
 MEASURED_SPEED = 1.25  # an arm that catches up with its command is faster than it
 SPARE = 1.02  # straight lines between positions in joint space are none of the gripper
@@ -103,6 +103,5 @@ def _stretched(segment: Segment, path: NDArray[np.float64], factor: float) -> Se
         return segment
     steps = int(np.ceil(len(segment) * factor))
     at = np.arange(1, steps + 1) * len(segment) / steps
-    rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-    rows[:, -1] = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # commands do not blend
-    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows))
+    commands = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # do not blend
+    return replace(resampled(segment, path, at), gripper=commands)
