@@ -14,10 +14,11 @@ python -m rf_exp.data import SOURCE... STORE              what others have made:
 import argparse
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from rf_exp.artifacts import sweep, whole, write_text
 from rf_exp.command import guarded
@@ -26,14 +27,8 @@ from rf_exp.progress import Progress, console
 from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
 from rf_exp.texts import LONGEST_LINE, printable
 
-FORMATS = (
-    "lerobot",
-    "lerobot_v21",
-    "robomimic",
-    "robofactory",
-    "policy_lightning",
-    "recordepisode",
-)  # a module each, of that name
+# A module each, of that name.
+FORMATS = ("lerobot", "lerobot_v21", "robomimic", "robofactory", "policy_lightning", "recordepisode")
 OF_ONE_AGENT = ("lerobot", "lerobot_v21")  # the others have an arm each to themselves, or need all
 
 
@@ -71,10 +66,9 @@ def validate(paths: Sequence[Path]) -> None:
             console.print(f"{path}: all {len(store)} episodes are as they should be")
         wrong += bool(found)
     told = {"are not as they should be; what is wrong": wrong, "cannot be validated; why": unread}
-    if found := [
-        f"{number} of {len(paths)} stores {what} is above" for what, number in told.items() if number
-    ]:
-        raise StageError("; ".join(found))
+    if wrong or unread:
+        said = (f"{number} of {len(paths)} stores {what} is above" for what, number in told.items() if number)
+        raise StageError("; ".join(said))
 
 
 def examine(paths: Sequence[Path], reference: Path | None = None) -> None:
@@ -200,87 +194,71 @@ def mib(folder: Path) -> float:
     return round(sum(each.stat().st_size for each in folder.rglob("*") if each.is_file()) / 2**20, 2)
 
 
+def import_stores(**given: Any) -> None:
+    from rf_exp.data.importing import import_demonstrations  # with what readers need, which help does without
+
+    import_demonstrations(**given)
+
+
 def parser() -> argparse.ArgumentParser:
-    """The arguments."""
+    """The arguments: of each command `run`, which carries it out, and what that is called with."""
     plain = argparse.RawDescriptionHelpFormatter
-    whole_parser = argparse.ArgumentParser(
-        "python -m rf_exp.data", description=__doc__, formatter_class=plain
-    )
-    commands = whole_parser.add_subparsers(dest="command", required=True)
-    summary = commands.add_parser("summary", help="what is in stores")
-    summary.add_argument("--json", action="store_true", help="for programs")
-    checked = commands.add_parser("validate", help="read every byte of stores, and judge what it says")
-    examined = commands.add_parser("doctor", help="what in stores will harm who learns from them")
-    examined.add_argument(
-        "--reference",
-        type=Path,
-        metavar="STORE",
-        help="whose pictures are as they should be: as bright as those",
-    )
-    merged = commands.add_parser("merge", help="one store of those of one configuration with other seeds")
+    parser = argparse.ArgumentParser("python -m rf_exp.data", description=__doc__, formatter_class=plain)
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    def command(name: str, run: Callable[..., None], help: str) -> argparse.ArgumentParser:
+        made = commands.add_parser(name, help=help)
+        made.set_defaults(run=run)
+        return made
+
+    summary = command("summary", summarise, "what is in stores")
+    summary.add_argument("--json", dest="as_json", action="store_true", help="for programs")
+    checked = command("validate", validate, "read every byte of stores, and judge what it says")
+    examined = command("doctor", examine, "what in stores will harm who learns from them")
+    whose = "whose pictures are as they should be: as bright as those"
+    examined.add_argument("--reference", type=Path, metavar="STORE", help=whose)
+    merged = command("merge", merge_stores, "one store of those of one configuration with other seeds")
     merged.add_argument("--to", type=Path, required=True, metavar="STORE", help="the new store")
-    exported = commands.add_parser("export", help="a store in a format that others read")
-    exported.add_argument("store", type=Path, help="folder of a store, such as outputs/data/.../fast.zarr")
+    exported = command("export", export, "a store in a format that others read")
+    store = "folder of a store, such as outputs/data/.../fast.zarr"
+    exported.add_argument("path", type=Path, metavar="store", help=store)
     exported.add_argument("folder", type=Path, help="new folder for the export")
-    exported.add_argument("--format", required=True, help=" or ".join(FORMATS))
+    exported.add_argument("--format", dest="form", metavar="FORMAT", required=True, help=" or ".join(FORMATS))
     exported.add_argument(
         "--pictures",
         help="how pictures are kept, every pixel: video (lossless) or png by lerobot, gzip or plain by "
         "robomimic and the HDF5 of others; the first of them unless given",
     )
-    exported.add_argument(
-        "--agent",
-        type=int,
-        metavar="K",
-        help="of agent K alone, with its own camera and the global one, for tools that know one arm: "
-        + " and ".join(OF_ONE_AGENT),
+    alone = "of agent K alone, with its own camera and the global one, for tools that know one arm: "
+    exported.add_argument("--agent", type=int, metavar="K", help=alone + " and ".join(OF_ONE_AGENT))
+    taken = command("import", import_stores, "a store of demonstrations of others")
+    sources = (
+        "the .h5 of ManiSkill's RecordEpisode or of Policy-Lightning; a Zarr 2 replay buffer, or those "
+        "of all arms one after the other; or the folder in which they are"
     )
-    taken = commands.add_parser("import", help="a store of demonstrations of others")
-    taken.add_argument(
-        "sources",
-        type=Path,
-        nargs="+",
-        metavar="SOURCE",
-        help="the .h5 of ManiSkill's RecordEpisode or of Policy-Lightning; a Zarr 2 replay buffer, or those "
-        "of all arms one after the other; or the folder in which they are",
-    )
-    taken.add_argument(
-        "to", type=Path, metavar="STORE", help="the new store; one that was begun is gone on with"
-    )
+    taken.add_argument("paths", type=Path, nargs="+", metavar="SOURCE", help=sources)
+    begun = "the new store; one that was begun is gone on with"
+    taken.add_argument("to", type=Path, metavar="STORE", help=begun)
     taken.add_argument("--task", metavar="NAME", help="of the demonstrations, where nothing there says it")
-    redrawn = commands.add_parser("redraw", help="the episodes of a store in other appearances, too")
-    redrawn.add_argument("store", type=Path, help="folder of a store")
-    redrawn.add_argument("new", type=Path, help="folder of the new store; one that was begun is gone on with")
+    redrawn = command("redraw", redraw_store, "the episodes of a store in other appearances, too")
+    redrawn.add_argument("path", type=Path, metavar="store", help="folder of a store")
+    redrawn.add_argument("to", type=Path, metavar="new", help=f"folder of {begun}")
     redrawn.add_argument("--variation", required=True, metavar="NAME", help="one of conf/variation")
     redrawn.add_argument("--copies", type=int, required=True, help="of each episode, the first as it is")
-    redrawn.add_argument("--tasks", type=Path, metavar="FOLDER", help="of tasks' YAML files, if yours")
+    own = "of tasks' YAML files, if yours"
+    redrawn.add_argument("--tasks", dest="folder", type=Path, metavar="FOLDER", help=own)
     for several in (summary, checked, examined, merged):
-        several.add_argument("stores", type=Path, nargs="+", help="folders of stores")
+        several.add_argument("paths", type=Path, nargs="+", metavar="stores", help="folders of stores")
     for writes in (merged, exported, taken):
-        writes.add_argument(
-            "--dry-run", action="store_true", help="say what would be written, and write nothing"
-        )
-    return whole_parser
+        told = "say what would be written, and write nothing"
+        writes.add_argument("--dry-run", action="store_true", help=told)
+    return parser
 
 
 def main() -> None:
-    given = parser().parse_args()
-    if given.command == "summary":
-        summarise(given.stores, given.json)
-    elif given.command == "validate":
-        validate(given.stores)
-    elif given.command == "doctor":
-        examine(given.stores, given.reference)
-    elif given.command == "merge":
-        merge_stores(given.stores, given.to, given.dry_run)
-    elif given.command == "redraw":
-        redraw_store(given.store, given.new, given.variation, given.copies, given.tasks)
-    elif given.command == "import":
-        from rf_exp.data.importing import import_demonstrations
-
-        import_demonstrations(given.sources, given.to, given.task, given.dry_run)
-    else:
-        export(given.store, given.folder, given.format, given.pictures, given.dry_run, given.agent)
+    given = vars(parser().parse_args())
+    del given["command"]
+    given.pop("run")(**given)
 
 
 if __name__ == "__main__":

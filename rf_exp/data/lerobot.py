@@ -8,6 +8,7 @@ for an input: `object_poses` (K * 7), `executed` where demonstrations are distur
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -33,7 +34,6 @@ EPISODES = f"meta/episodes/{FILE}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 LOOKED_AT = 20  # pictures of an episode and camera that statistics are made of
 
-Columns = dict[str, NDArray[Any]]  # feature -> its rows of an episode
 Stats = dict[str, NDArray[Any]]
 
 
@@ -53,18 +53,7 @@ def held(pictures: str, agent: int | None = None, version: str = "v3.0") -> str:
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
     """All episodes of a store into a folder, of all agents or of one; pictures as one of `PICTURES`."""
-    write_all(Writer(store, folder, pictures == "video", agent), store, advance)
-
-
-def write_all(writer: "Writer", store: Store, advance: Advance) -> None:
-    """All episodes of a store."""
-    try:
-        for index in range(len(store)):
-            writer.add(index, store.episode(index))
-            advance()
-    finally:
-        writer.shut()
-    writer.finish()
+    Writer(store, folder, pictures == "video", agent).write(advance)
 
 
 class Writer:
@@ -85,20 +74,26 @@ class Writer:
         self.features = _features(store, self.agents, self.cameras, video)
         self.rows: list[dict[str, Any]] = []  # of the episodes
         self.stats: list[dict[str, Stats]] = []  # the same
+        self._files = ExitStack()  # the present ones
         self._data: Any = None
         self._films: dict[str, Film] = {}
         self._began = self._start = 0  # rows with which the present files, and the next episode, begin
 
-    def add(self, index: int, episode: Episode) -> None:
+    def write(self, advance: Advance) -> None:
+        """All episodes of the store."""
+        with self._files:
+            for index in range(len(self.store)):
+                self._add(index, self.store.episode(index))
+                advance()
+        self.finish()
+
+    def _add(self, index: int, episode: Episode) -> None:
         where, start = self.where(index), self._start
         columns = self._columns(index, episode, start)
         cells = {name: self._cells(values) for name, values in columns.items()}
-        if self.video:
-            pictures = {}
-        else:
-            pictures = {_key(camera): self._png(episode.images[camera]) for camera in self.cameras}
-        table = self._pa.table(cells | pictures)
-        table = table.replace_schema_metadata(self.metadata())
+        if not self.video:
+            cells |= {_key(camera): self._png(episode.images[camera]) for camera in self.cameras}
+        table = self._pa.table(cells).replace_schema_metadata(self.metadata())
         if index % self.EPISODES_A_FILE == 0:
             self._turn(where, start, table.schema)
         self._data.write_table(table)
@@ -133,28 +128,22 @@ class Writer:
         write_json(self.folder / "meta/info.json", self.info())
 
     def _turn(self, where: Mapping[str, int], start: int, schema: Any) -> None:
-        self.shut()
+        """The present files are complete; the next ones begin."""
+        self._files.close()
         self._began = start
-        self._data = self._parquet.ParquetWriter(self._path(self.DATA, where), schema)
-        if self.video:
-            self._films = {
-                camera: Film(self._path(self.VIDEO, {**where, "video_key": _key(camera)}), self._rate, None)
-                for camera in self.cameras
-            }
-
-    def shut(self) -> None:
-        """The present files are complete."""
-        if self._data is not None:
-            self._data.close()
-        for film in self._films.values():
-            film.close()
+        writer = self._parquet.ParquetWriter(self._path(self.DATA, where), schema)
+        self._data = self._files.enter_context(writer)
+        for camera in self.cameras if self.video else ():
+            path = self._path(self.VIDEO, {**where, "video_key": _key(camera)})
+            self._films[camera] = self._files.enter_context(Film(path, self._rate, None))
 
     def _path(self, pattern: str, where: Mapping[str, Any]) -> Path:
         path = self.folder / pattern.format(**where)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
-    def _columns(self, index: int, episode: Episode, start: int) -> Columns:
+    def _columns(self, index: int, episode: Episode, start: int) -> dict[str, NDArray[Any]]:
+        """Feature -> its rows of an episode."""
         steps = len(episode.qpos)
         frame = np.arange(steps)
         poses = [episode.poses[name] for name in self.store.objects]

@@ -12,7 +12,7 @@ from typing import Any
 
 from rf_exp.artifacts import plain, write_json, write_text
 from rf_exp.data import lerobot
-from rf_exp.data.lerobot import PICTURES, QUANTILES, TAGS, Writer, words, write_all
+from rf_exp.data.lerobot import PICTURES, QUANTILES, TAGS, Stats, Writer, words
 from rf_exp.data.target import Advance
 from rf_exp.store import Store
 
@@ -28,7 +28,7 @@ def held(pictures: str, agent: int | None = None) -> str:
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
     """All episodes of a store into a folder, of all agents or of one; pictures as one of `PICTURES`."""
-    write_all(_Writer(store, folder, pictures == "video", agent), store, advance)
+    _Writer(store, folder, pictures == "video", agent).write(advance)
 
 
 class _Writer(Writer):
@@ -49,14 +49,7 @@ class _Writer(Writer):
         return {"huggingface": json.dumps({"info": {"features": kinds}})}
 
     def finish(self) -> None:
-        stats = [
-            {
-                name: {key: each for key, each in of.items() if key not in QUANTILES}
-                for name, of in every.items()
-            }
-            for every in self.stats
-        ]
-        lines = [{"episode_index": index, "stats": plain(each)} for index, each in enumerate(stats)]
+        lines = [{"episode_index": index, "stats": _plain(each)} for index, each in enumerate(self.stats)]
         told = {"tasks": [{"task_index": 0, "task": words(self.store)}], "episodes": self.rows}
         for name, rows in {**told, "episodes_stats": lines}.items():
             write_text(self.folder / f"meta/{name}.jsonl", "".join(f"{json.dumps(row)}\n" for row in rows))
@@ -69,6 +62,13 @@ class _Writer(Writer):
             "chunks_size": EPISODES_A_CHUNK,
         }
         return {key: value for key, value in found.items() if not key.endswith("_files_size_in_mb")}
+
+
+def _plain(stats: Mapping[str, Stats]) -> Any:
+    known = {
+        name: {key: each for key, each in of.items() if key not in QUANTILES} for name, of in stats.items()
+    }
+    return plain(known)
 
 
 def _kind(feature: Mapping[str, Any]) -> dict[str, Any]:

@@ -89,16 +89,13 @@ class Damaged:
 
     def _rows(self, name: str) -> int:
         """How many rows an array has: those that it declares, but no more than there are files for."""
-        rows = rows_a_file(self._array(name)) * len(list((self._path / name / "c").glob("*")))
+        rows = rows_a_file(array_of(self._arrays, name)) * len(list((self._path / name / "c").glob("*")))
         with suppress(Exception):  # what it declares is lost as well
             rows = min(rows, zarr.open_array(self._path / name, mode="r", zarr_format=3).shape[0])
         return rows
 
-    def _array(self, name: str) -> zarr.Array[Any]:
-        return array_of(self._arrays, name)
-
     def _read(self, name: str, start: int, end: int) -> np.ndarray[Any, Any]:
-        array = self._array(name)
+        array = array_of(self._arrays, name)
         rows = rows_a_file(array)
         try:
             for row in range(start - start % rows, end, rows):

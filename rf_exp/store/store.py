@@ -18,7 +18,7 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.robots import Robot
 from rf_exp.store import layout
 from rf_exp.store.integrity import blames, check_rows, opened, times_stored
-from rf_exp.store.layout import JUDGED, PICTURE_SHARD, Description, Model, array_of, extra_names, view
+from rf_exp.store.layout import JUDGED, PICTURE_SHARD, Description, array_of, view
 from rf_exp.types import CONTROL_HZ, NO_EXTRAS, Episode, Extras, Judged
 
 PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
@@ -30,9 +30,17 @@ class Store:
     def __init__(self, path: Path, group: zarr.Group, attributes: dict[str, Any]) -> None:
         self.path = path
         self.attrs = attributes  # task, identity, versions of packages and criteria, control rate, sizes
+        self.identity: dict[str, Any] = attributes["identity"]  # the configuration that made the data
+        self.agents: int = attributes["agents"]
+        self.models = layout.models(attributes)  # what is known of the robot of each agent
+        self.cameras: tuple[str, ...] = tuple(attributes["cameras"])
+        self.objects: tuple[str, ...] = tuple(attributes["objects"])  # whose poses are kept
+        self.disturbed = bool(attributes.get("disturbed"))  # what was executed differs from what was intended
+        self.description = Description.of(attributes)  # None in a store that was made without it
+        self.extra_names = layout.extra_names(attributes)  # `depth_<camera>`, `segmentation_<camera>`
+        self.episode_ends = np.zeros(0, np.int64)  # (E,) row after the last of each episode
+        self.seeds = np.zeros(0, np.int64)  # (E,) scene seed of each episode
         self._group = group
-        self._ends = np.zeros(0, np.int64)
-        self._seeds = np.zeros(0, np.int64)
         self._kept: dict[str, NDArray[Any]] = {}  # arrays that were read, until there are more episodes
         self._lock: int | None = None  # descriptor that holds the right to write
 
@@ -111,7 +119,7 @@ class Store:
                     raise StageError(f"{path} is being written by another process; wait for it or stop it")
             if identity is not None:
                 expect_same(path, store.identity, identity, "delete it or choose another `out`")
-            store._ends, store._seeds = check_rows(path, store._group, store.attrs)
+            store.episode_ends, store.seeds = check_rows(path, store._group, store.attrs)
             if writable:
                 store._cut()
         except BaseException:
@@ -149,8 +157,8 @@ class Store:
                 f"cannot write the episode of seed {episode.seed} to {self.path}: {error.strerror or error}; "
                 f"its {len(self)} stored episodes are intact"
             ) from error
-        self._ends = np.append(self._ends, rows["meta/episode_ends"])
-        self._seeds = np.append(self._seeds, rows["meta/seed"])
+        self.episode_ends = np.append(self.episode_ends, rows["meta/episode_ends"])
+        self.seeds = np.append(self.seeds, rows["meta/seed"])
         self._kept.clear()
         for name in ("images", "certificates"):
             self.__dict__.pop(name, None)  # read again when asked for
@@ -228,12 +236,12 @@ class Store:
         self.close()
 
     def __len__(self) -> int:
-        return len(self._ends)
+        return len(self.episode_ends)
 
     @property
     def steps(self) -> int:
         """Rows of all episodes together, T."""
-        return int(self._ends[-1]) if len(self._ends) else 0
+        return int(self.episode_ends[-1]) if len(self.episode_ends) else 0
 
     def by_episode(self, values: NDArray) -> list[NDArray]:
         """Rows of all stored steps (T, ...) -> those of each episode."""
@@ -244,51 +252,8 @@ class Store:
         if not 0 <= episodes <= len(self):
             raise ArgumentError(f"{self.path} holds {len(self)} episodes; {episodes} were asked for")
         part = type(self)(self.path, self._group, self.attrs)
-        part._ends, part._seeds = self._ends[:episodes], self._seeds[:episodes]
+        part.episode_ends, part.seeds = self.episode_ends[:episodes], self.seeds[:episodes]
         return part
-
-    @property
-    def episode_ends(self) -> NDArray[np.int64]:
-        """(E,) row after the last of each episode."""
-        return self._ends.copy()
-
-    @property
-    def seeds(self) -> NDArray[np.int64]:
-        """(E,) scene seed of each episode."""
-        return self._seeds.copy()
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """The configuration that made the data."""
-        return self.attrs["identity"]
-
-    @property
-    def agents(self) -> int:
-        return self.attrs["agents"]
-
-    @property
-    def models(self) -> tuple[Model, ...]:
-        """What is known of the robot of each agent."""
-        return layout.models(self.attrs)
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        return tuple(self.attrs["cameras"])
-
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """The objects whose poses are kept."""
-        return tuple(self.attrs["objects"])
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether what was executed differs from what was intended."""
-        return bool(self.attrs.get("disturbed", False))
-
-    @property
-    def description(self) -> Description | None:
-        """What the data are about; None in a store that was made without it."""
-        return Description.of(self.attrs)
 
     @property
     def extras(self) -> Extras:
@@ -332,11 +297,6 @@ class Store:
         conditions = self.attrs.get("conditions")
         return None if conditions is None else layout.judged_by(conditions, self._whole)
 
-    @property
-    def extra_names(self) -> tuple[str, ...]:
-        """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
-        return extra_names(self.attrs)
-
     @cached_property
     def images(self) -> dict[str, zarr.Array[Any]]:
         """Camera -> Zarr array (T, H, W, 3) u8 of exactly the stored episodes."""
@@ -354,13 +314,13 @@ class Store:
         if not -len(self) <= index < len(self):
             raise IndexError(f"episode {index} of {len(self)} in {self.path}")
         index %= len(self)
-        start, end = int(self._ends[index - 1]) if index else 0, int(self._ends[index])
+        start, end = int(self.episode_ends[index - 1]) if index else 0, int(self.episode_ends[index])
 
         def rows(name: str) -> NDArray[Any]:
             is_large = layout.is_picture(f"data/{name}")
             return self._read(f"data/{name}", start, end) if is_large else self._whole(name)[start:end]
 
-        return layout.assembled(self.attrs, int(self._seeds[index]), lambda: self.certificates[index], rows)
+        return layout.assembled(self.attrs, int(self.seeds[index]), lambda: self.certificates[index], rows)
 
     def digest(self) -> str:
         """SHA-256 over the decoded qpos, action and pictures in order: same seeds, same digest."""
