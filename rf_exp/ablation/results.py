@@ -132,7 +132,7 @@ def rows_file(
     variation: str = UNVARIED,
 ) -> Path:
     """The rows of policies of all training seeds in scenes of a variation, below the output folder."""
-    name = f"{constraints}-{recipe}-{demos}{SHIELDED * shield}{_in(variation)}.jsonl"
+    name = f"{constraints}-{recipe}-{demos}{_how(shield, variation)}.jsonl"
     return Path("results", "evaluate", task, arch, name)
 
 
@@ -146,11 +146,11 @@ def rollout_name(
 ) -> str:
     """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
     seed = f"-t{train_seed}" if train_seed else ""
-    return f"evaluate-{arch}-{recipe}-{demos}{seed}{SHIELDED * shield}{_in(variation)}"
+    return f"evaluate-{arch}-{recipe}-{demos}{seed}{_how(shield, variation)}"
 
 
-def _in(variation: str) -> str:
-    return "" if variation == UNVARIED else f"-in-{variation}"
+def _how(shield: bool, variation: str) -> str:
+    return SHIELDED * shield + ("" if variation == UNVARIED else f"-in-{variation}")
 
 
 def rollout_file(row: EvaluationRow, suffix: str) -> Path:

@@ -28,30 +28,6 @@ Attributes say the rest: of each array its dimensions, names, units and frame; o
 the conditions of success, cameras and robots (`Description`), and what made it. docs/data.md shows them all.
 """
 
-from rf_exp.store.cards import card, facts
-from rf_exp.store.damaged import Damaged, flaws, problems
-from rf_exp.store.integrity import Damage, decoding, other_kind, refuse_other_kinds
-from rf_exp.store.layout import POSE, Description, Model, command_names, empty_like, joint_names
-from rf_exp.store.merging import merge, merge_order
-from rf_exp.store.store import Store
+import lazy_loader
 
-__all__ = [
-    "POSE",
-    "Damage",
-    "Damaged",
-    "Description",
-    "Model",
-    "Store",
-    "card",
-    "command_names",
-    "decoding",
-    "empty_like",
-    "facts",
-    "flaws",
-    "joint_names",
-    "merge",
-    "merge_order",
-    "other_kind",
-    "problems",
-    "refuse_other_kinds",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -33,6 +33,7 @@ from rf_exp.ablation.tables.table import (
     Table,
     Text,
     Violations,
+    of_texts,
     with_violations,
 )
 
@@ -46,14 +47,12 @@ def tasks(results: Results, suite: Suite) -> Table:
     baseline = [row for row in rows if is_baseline(row) and row.recipe == recipe]
     disturbed = any(row.disturbance_rad for row in results.generation)
     columns = (
-        Column("agents", "Agents", Text),
-        Column("criteria", "Criteria version", Text),
+        *of_texts(agents="Agents", criteria="Criteria version"),
         *with_violations("generated", "Data generation"),
         Column("length", "Episode length", Length),
         *(with_violations("disturbed", "Data generation, disturbed") if disturbed else ()),
         *_demos_columns(demos),
-        Column("description", "Description", Text),
-        Column("condition", "Target condition", Text),
+        *of_texts(description="Description", condition="Target condition"),
     )
     lines = []
     for task in tasks_of([*paper().levels, *suite], (*results.generation, *rows)):
@@ -97,10 +96,9 @@ def benchmark(results: Results, suite: Suite) -> Table:
     rows = unshielded(results)
     demos, recipes = demos_of(rows), recipes_of(rows)
     columns = (
-        Column("agents", "Agents", Text),
-        Column("recipe", "Recipe", Text),
+        *of_texts(agents="Agents", recipe="Recipe"),
         *_demos_columns(demos),
-        Column("core_minutes", "Core-minutes", Text),
+        *of_texts(core_minutes="Core-minutes"),
     )
     measured = grouped(filter(is_baseline, rows), lambda row: (row.task, row.recipe))
 
@@ -163,11 +161,7 @@ def _average(key: str, agents: int, recipe: str, columns: Sequence[Column], line
 
 def comparison(results: Results, suite: Suite) -> Table:
     """What embodied benchmarks cover (paper, comparison of benchmarks), and this suite by its tasks."""
-    columns = (
-        Column("single", "Single-agent", Text),
-        Column("multi", "Multi-agent", Text),
-        Column("level", "Task level", Text),
-    )
+    columns = of_texts(single="Single-agent", multi="Multi-agent", level="Task level")
     counts = [task.agents for task in suite.values()]
     here = (1 in counts, any(agents > 1 for agents in counts), LEVEL)
     lines = []

@@ -20,7 +20,16 @@ from rf_exp.ablation.tables.counting import (
     violations,
 )
 from rf_exp.ablation.tables.known import Suite, paper, title_of
-from rf_exp.ablation.tables.table import Cell, Column, Line, Table, Text, Violations, with_violations
+from rf_exp.ablation.tables.table import (
+    Cell,
+    Column,
+    Line,
+    Table,
+    Text,
+    Violations,
+    of_texts,
+    with_violations,
+)
 from rf_exp.types import FOREIGN
 
 Policy = TypeVar("Policy", bound=tuple[Any, ...])  # its task, and what else names it
@@ -36,8 +45,7 @@ def architectures(results: Results, suite: Suite) -> Table:
     known, names = paper().architectures, tasks_of(paper().architectures[BASELINE_ARCH], rows)
     recipes = recipes_of(rows)
     columns = (
-        Column("demos", "Demos", Text),
-        Column("recipe", "Recipe", Text),
+        *of_texts(demos="Demos", recipe="Recipe"),
         *chain.from_iterable(with_violations(name, title_of(name, suite)) for name in names),
     )
     lines, gaps = [], []
@@ -87,7 +95,7 @@ def recipes(results: Results, suite: Suite) -> Table:
     order, present = recipes_of(rows), {row.task for row in rows}
     tasks = [task for task in tasks_of([*paper().levels, *suite], rows) if task in present]
     columns = (
-        Column("demos", "Demos", Text),
+        *of_texts(demos="Demos"),
         *chain.from_iterable(with_violations(task, title_of(task, suite)) for task in tasks),
     )
     lines, gaps = [], []
@@ -160,8 +168,7 @@ def shield(results: Results, suite: Suite) -> Table:
         "shield kept from its command.",
         "Task, architecture",
         (
-            Column("demos", "Demos", Text),
-            Column("recipe", "Recipe", Text),
+            *of_texts(demos="Demos", recipe="Recipe"),
             *with_violations("without", "Without shield"),
             Column("without_contacts", "contacts", Violations),
             *with_violations("with", "With shield"),
@@ -194,10 +201,7 @@ def final(results: Results, suite: Suite) -> Table:
         f"{FINAL_SEED} on, nothing was ever chosen. The same policies in both. {notes.ROLLOUT_VIOLATIONS}",
         "Task",
         (
-            Column("recipe", "Recipe", Text),
-            Column("arch", "Architecture", Text),
-            Column("constraints", "Constraints", Text),
-            Column("demos", "Demos", Text),
+            *of_texts(recipe="Recipe", arch="Architecture", constraints="Constraints", demos="Demos"),
             *with_violations("trial", "Scenes of the tables"),
             *with_violations("final", "Final scenes"),
         ),
@@ -230,9 +234,7 @@ def foreign(results: Results, suite: Suite) -> Table:
         "from, as the person said who evaluated them.",
         "Task, policy",
         (
-            Column("demos", "Demos", Text),
-            Column("told", "Told", Text),
-            Column("shield", "Shield", Text),
+            *of_texts(demos="Demos", told="Told", shield="Shield"),
             *with_violations("success", "Success"),
             Column("contacts", "contacts", Violations),
         ),

@@ -9,7 +9,16 @@ from rf_exp.ablation.statistics import paired
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.counting import BASELINE_ARCH, BASELINE_CONSTRAINTS, rates, tasks_of, varies
 from rf_exp.ablation.tables.known import Suite, paper, title_of
-from rf_exp.ablation.tables.table import Column, Difference, Line, Score, Table, Text, with_violations
+from rf_exp.ablation.tables.table import (
+    Column,
+    Difference,
+    Line,
+    Score,
+    Table,
+    Text,
+    of_texts,
+    with_violations,
+)
 from rf_exp.types import UNVARIED
 
 ALL = "full"  # the variation of all factors together, which comes last
@@ -44,10 +53,7 @@ def robustness(results: Results, suite: Suite) -> Table:
         f"largest part of the strict conditions that held at once; 1 is success. {notes.ROLLOUT_VIOLATIONS}",
         "Task",
         (
-            Column("recipe", "Recipe", Text),
-            Column("learned_on", "Learned on", Text),
-            Column("demos", "Demos", Text),
-            Column("scenes", "Scenes", Text),
+            *of_texts(recipe="Recipe", learned_on="Learned on", demos="Demos", scenes="Scenes"),
             *with_violations("strict", "Strict success"),
             Column("difference", "Difference", Difference),
             Column("score", "Score", Score),

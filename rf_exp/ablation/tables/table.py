@@ -307,6 +307,11 @@ def _is_empty(cell: Cell) -> bool:
     return isinstance(cell, Text) or cell.missing
 
 
+def of_texts(**titles: str) -> tuple[Column, ...]:
+    """A column of texts for each title, by its key."""
+    return tuple(Column(key, title, Text) for key, title in titles.items())
+
+
 def with_violations(
     key: str, title: str, kind: type[Cell] = Rate, demos: int | None = None
 ) -> tuple[Column, Column]:
