@@ -3,7 +3,7 @@
 It is readable on a phone and in dark mode, and has no script.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -30,12 +30,6 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Texts:
-    heading: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
 class Section:
     """A part of the page. It shows whatever it has, in this order, and is left out where it has nothing."""
 
@@ -45,7 +39,8 @@ class Section:
     tiles: tuple[tuple[str, str], ...] = ()  # large figures, each with what it is
     lead: str = ""
     table: Mapping[str, Any] | None = None  # as it is `laid`
-    texts: Texts | None = None
+    titles: tuple[str, ...] = ()
+    rows: Sequence[tuple[str, ...]] = ()  # of texts, below `titles`
     panels: tuple[Panel, ...] = ()
     recordings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -53,9 +48,8 @@ class Section:
 
     @property
     def shown(self) -> bool:
-        return any(
-            [self.tiles, self.table, self.texts, self.panels, self.recordings, self.notes, self.folded]
-        )
+        held = self.tiles, self.table, self.rows, self.panels, self.recordings, self.notes, self.folded
+        return any(held)
 
 
 def document(title: str, source: str, sections: list[Section]) -> str:
@@ -85,16 +79,12 @@ def laid(table: Table) -> dict[str, Any]:
         several, first = titles.count(line.title) > 1, line.cells[0]
         return f"{line.title}, {first.value}" if several and isinstance(first, Text) else line.title
 
-    told = [
-        (name(line), *(cell.value for i in long if isinstance(cell := line.cells[i], Text)))
-        for line in table.lines
-    ]
     return {
         "table": table,
         "blocks": [sorted([*texts, *figures[k * each : (k + 1) * each]]) for k in range(rows)],  # abreast
         "after": dict(table.compared),  # column of figures -> that of its violations
         "long": [table.columns[i] for i in long],
-        "told": told if long else [],  # title and long texts of each line
+        "told": [[name(line), *(line.cells[i].value for i in long)] for line in table.lines],  # in full
         "notes": formats.notes(table),
         "clean": CLEAN,
     }

@@ -17,7 +17,7 @@ from PIL import Image
 
 from rf_exp.ablation import page, plots
 from rf_exp.ablation.formats import write
-from rf_exp.ablation.page import Panel, Section, Texts
+from rf_exp.ablation.page import Panel, Section
 from rf_exp.ablation.results import FILM, PICTURE, Results, load, rollout_file
 from rf_exp.ablation.rows import EvaluationRow, grouped
 from rf_exp.ablation.tables import build
@@ -38,7 +38,6 @@ PICTURES, CURVES, RECORDINGS = 24, 24, 40  # at most so many in one report; more
 ROLLOUTS = 32  # the same of rollouts, shared by the tasks
 PICTURE_WIDTH, FRAME_WIDTH = 720, 240  # pixels
 STRIP = 4  # frames of a demonstration
-ROBUSTNESS = ("Task", "Scene", "Constraints judged", "Least robustness", "Of the formula")
 JUDGED = (
     "What was executed, judged in signal temporal logic: the margin left where it was least, for each unit. "
     "Below zero it is a violation."
@@ -142,12 +141,12 @@ def _policy_failures(results: Results, suite: Suite) -> Section:
         for kind in sorted(common, key=lambda kind: (kind[:3], -kinds[kind], kind))
     ]
     rest = len(kinds) - len(lines)
-    heading = ("Task", "Architecture", "Learnt from", "What failed", "Scenes", "First scene")
     return Section(
         "policies",
         "Why policies failed",
         lead="Conditions of success that did not hold at the end, and what happened before.",
-        texts=Texts(heading, tuple(lines)) if lines else None,
+        titles=("Task", "Architecture", "Learnt from", "What failed", "Scenes", "First scene"),
+        rows=lines,
         notes=(f"{rest} rarer kinds are in the result rows.",) if rest else (),
     )
 
@@ -168,7 +167,8 @@ def _failures(results: Results, suite: Suite) -> Section:
     return Section(
         "failures",
         "Why attempts failed",
-        texts=Texts(("Task", "Constraints", "Reason", "Seeds"), tuple(lines)) if lines else None,
+        titles=("Task", "Constraints", "Reason", "Seeds"),
+        rows=lines,
         notes=(f"{rest} rarer reasons are in the result rows.",) if rest else (),
     )
 
@@ -296,7 +296,8 @@ def margins(out: Path, suite: Suite) -> Section:
         "margins",
         "Robustness of demonstrations",
         lead=JUDGED if lines else "",
-        texts=Texts(ROBUSTNESS, tuple(lines)) if lines else None,
+        titles=("Task", "Scene", "Constraints judged", "Least robustness", "Of the formula"),
+        rows=lines,
         notes=tuple(notes),
     )
 
@@ -342,7 +343,7 @@ def _provenance(out: Path, results: Results) -> Section:
         except (ValueError, KeyError, OSError):
             continue  # a damaged store is reported with the data
         made[path.parent.relative_to(out).as_posix()] = json.dumps(attributes, indent=1)
-    return Section("provenance", "Provenance", texts=Texts(("", ""), facts), folded=tuple(made.items()))
+    return Section("provenance", "Provenance", titles=("", ""), rows=facts, folded=tuple(made.items()))
 
 
 def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:

@@ -3,14 +3,14 @@
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import permutations
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPoint
 
 from rf_exp.datagen import Planned, Planner, Settings, as_commanded, commands_of, drive, follow
-from rf_exp.datagen.brain import BrainSpec, Question, to_json
+from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.findings import CheckName, Violation, agent_name
 from rf_exp.library.reading import GREY, ReadRobot, ReadTask, asset_of, upright_frame
@@ -74,26 +74,10 @@ class Saying:
     """The RoboBrain of a person: it answers every question with one proposal."""
 
     def __init__(self, proposal: Proposal) -> None:
-        self.name, self._proposal = Said.name, proposal
+        self.name, self._proposal = "said", proposal
 
     def answer(self, question: Question) -> str:
         return to_json(self._proposal)
-
-
-@dataclass(frozen=True)
-class Said(BrainSpec):
-    """What it is made from."""
-
-    name: ClassVar[str] = "said"
-
-    proposal: Proposal
-
-    @property
-    def identity(self) -> dict[str, object]:
-        return {"name": self.name, "proposal": to_json(self.proposal)}
-
-    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Saying:
-        return Saying(self.proposal)
 
 
 class Driven:
@@ -168,7 +152,8 @@ class Workcell:
         below = _below(assets, self.scene().poses)
         self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), below)
         changes = {} if limits is None else {"limits": limits}
-        self._settings = Settings.configured(self.task, constraint_set, Said(Proposal((), ())), **changes)
+        # Whose brain this is matters to episodes alone: `plan` has one for each proposal.
+        self._settings = Settings.configured(self.task, constraint_set, ScriptedSpec(), **changes)
 
     def __str__(self) -> str:
         arms = zip(self.task.agents, self._stock.arms, strict=True)

@@ -41,8 +41,7 @@ def test_what_rtamt_found_is_in_the_report(tmp_path: Path) -> None:
         for each in check["formulas"]
         if each["unit"] == "m" and each["robustness"] is not None
     ]
-    found = margins(tmp_path, configured()).texts
-    assert found is not None
+    found = margins(tmp_path, configured())
     told = [row for row in found.rows if row[3].endswith(" m")]
     assert told and told[0][:2] == (task.title, "0") and told[0][3] == f"{min(in_metres):.3g} m"
     text = write_report(tmp_path).read_text("utf-8")
@@ -53,8 +52,7 @@ def test_the_least_margin_of_each_unit_is_told(tmp_path: Path) -> None:
     kept(
         tmp_path, [formula("m", 0.2), formula("N", 3.0)], [formula("m", -0.0125, False)], [formula("m", None)]
     )
-    found = margins(tmp_path, configured()).texts
-    assert found is not None
+    found = margins(tmp_path, configured())
     assert [row[1:] for row in found.rows] == [
         ("3", "1", "3 N", "Check(0): always(x_N >= 0)"),
         ("3", "2", "-0.0125 m", "Check(1): always(x_m >= 0)"),
