@@ -10,6 +10,7 @@ checked, and put among the person's own arguments, which come last and win.
 """
 
 import argparse
+import json
 import re
 import zipfile
 import zlib
@@ -85,7 +86,8 @@ class Released:
         named |= leaves(policy, "policy")
         named |= {f"training.{key}": value for key, value in training.identity.items() if key != "seed"}
         chosen = [f"{group}={value}" for group, value in self._chosen.items()]
-        return chosen + [f"{key}={_written(value)}" for key, value in plain(named).items()]
+        # JSON is a value in Hydra's grammar, too.
+        return chosen + [f"{k}={json.dumps(v, ensure_ascii=False)}" for k, v in plain(named).items()]
 
     @property
     def _chosen(self) -> dict[str, str]:
@@ -177,12 +179,3 @@ def _is_release(argument: str) -> bool:
     """Whether an argument names one, however it is put."""
     key, _, value = argument.partition("=")
     return key.lstrip("+~").partition("@")[0].strip("/ ") == CHOICE and NAME in re.split(r"\W+", value)
-
-
-def _written(value: object) -> str:
-    """A value in Hydra's grammar."""
-    if isinstance(value, list):
-        return f"[{','.join(map(_written, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "null" if value is None else f"'{value}'" if isinstance(value, str) else repr(value)

@@ -58,11 +58,8 @@ def harms(store: Store, reference: Store | None = None) -> Iterator[Harm]:
     if not len(store):
         yield Harm("the store", "it holds no episodes", "generate or import some")
         return
-    yield from _unknown(store)
-    yield from _dead(store)
-    yield from _astray(store)
-    yield from _jumps(store)
-    yield from _episodes(store)
+    for look in (_unknown, _dead, _astray, _jumps, _episodes):
+        yield from look(store)
     frames = _frames(store)
     yield from _pictures(frames, _looked_at(store))
     if reference is not None:
@@ -177,19 +174,13 @@ def _episodes(store: Store) -> Iterator[Harm]:
 
 def _looked_at(store: Store) -> NDArray[np.int64]:
     """The numbers of the episodes of which the pictures are looked at."""
-    number = min(len(store), LOOKED_AT)
-    return np.unique(np.linspace(0, len(store) - 1, number).round().astype(np.int64))
+    return np.unique(np.linspace(0, len(store) - 1, LOOKED_AT).round().astype(np.int64))
 
 
 def _frames(store: Store) -> Frames:
     """The pictures that are looked at."""
-    chosen = _looked_at(store)
-    ends = store.episode_ends
-    firsts = np.concatenate([[0], ends[:-1]])
-    rows = [
-        (first, (first + end - 1) // 2, end - 1)
-        for first, end in zip(firsts[chosen], ends[chosen], strict=True)
-    ]
+    firsts, lasts = np.append(0, store.episode_ends[:-1]), store.episode_ends - 1
+    rows = np.stack([firsts, (firsts + lasts) // 2, lasts], axis=1)[_looked_at(store)]
     return {
         camera: np.stack([[np.asarray(pictures[int(row)]) for row in of] for of in rows])
         for camera, pictures in store.images.items()
@@ -201,20 +192,16 @@ def _pictures(frames: Frames, episodes: NDArray[np.int64]) -> Iterator[Harm]:
     for camera, pictures in frames.items():
         where, level, spread = f"camera {camera}", pictures.mean(), pictures.std(axis=(2, 3)).max()
         if spread < PLAIN:
-            yield Harm(
-                where,
-                "its pictures have one colour",
-                "draw them again: something stands before it, or it is off",
-            )
+            mend = "draw them again: something stands before it, or it is off"
+            yield Harm(where, "its pictures have one colour", mend)
         elif not DARK < level < BRIGHT:
             shade = "black" if level < DARK else "white"
             what = f"its pictures are {shade}: level {level:.0f} of 255 on average"
             yield Harm(where, what, DRIVER)
         elif (frozen := (pictures == pictures[:, :1]).all(axis=(1, 2, 3, 4))).any():
-            what = (
-                f"its pictures never change in {frozen.sum()} of {len(frozen)} episodes that were looked at"
-            )
-            yield Harm(where, f"{what}, the first of them {episodes[frozen][0]}", FROM)
+            some = f"{frozen.sum()} of {len(frozen)} episodes that were looked at"
+            what = f"its pictures never change in {some}, the first of them {episodes[frozen][0]}"
+            yield Harm(where, what, FROM)
     for (one, first), (other, second) in combinations(frames.items(), 2):
         if np.abs(first.astype(np.int16) - second).mean() < ALIKE:
             yield Harm(f"cameras {one} and {other}", "they show the same", FROM)

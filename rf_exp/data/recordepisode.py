@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rf_exp.artifacts import write_json
 from rf_exp.data.release import commands, environment, own
-from rf_exp.data.target import Advance, last, library
+from rf_exp.data.target import Advance, create, last, library
 from rf_exp.robots import DEFAULT
 from rf_exp.store import Store
 from rf_exp.tasks import camera_name
@@ -114,21 +114,14 @@ def _write(group: Any, store: Store, episode: Episode, compressed: bool) -> None
         }
         for name, matrix in given.items():
             values[f"{where}/{name}"] = np.tile(matrix.astype(np.float32), (len(done) + 1, 1, 1))
-    for name, rows in values.items():
-        group.create_dataset(name, data=rows)
-    seen = {f"{camera}/rgb": frames for camera, frames in episode.images.items()}
-    depths = {name: each for name, each in episode.extras.items() if name.startswith("depth_")}
-    seen |= {  # farther than an i16 can tell is as far as that
-        f"{name.removeprefix('depth_')}/depth": np.minimum(each, np.iinfo(np.int16).max).astype(np.int16)[
-            ..., None
-        ]
-        for name, each in depths.items()
-    }
-    for name, frames in seen.items():
-        camera, what = name.split("/")
-        chunked = {"chunks": (1, *frames.shape[1:]), "compression": "gzip"} if compressed else {}
-        place = f"obs/sensor_data/{camera_name(camera, store.agents)}/{what}"
-        group.create_dataset(place, data=_and_last(frames), **chunked)
+    seen = {(camera, "rgb"): frames for camera, frames in episode.images.items()}
+    for name, depth in episode.extras.items():
+        what, _, camera = name.partition("_")
+        if what == "depth":  # farther than an i16 can tell is as far as that
+            seen[camera, what] = np.minimum(depth, np.iinfo(np.int16).max).astype(np.int16)[..., None]
+    places = {each: f"obs/sensor_data/{camera_name(each[0], store.agents)}/{each[1]}" for each in seen}
+    create(group, values)
+    create(group, {places[each]: _and_last(frames) for each, frames in seen.items()}, compressed)
 
 
 def _and_last(rows: NDArray[Any]) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rf_exp.data.target import Advance, flat, last, library
+from rf_exp.data.target import Advance, create, flat, last, library
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
@@ -69,10 +69,7 @@ def _write(group, episode: Episode, compressed: bool) -> None:  # an h5py.Group
     }
     if episode.executed is not None:
         values["executed"] = flat(episode.executed)
-    for name, rows in values.items():
-        group.create_dataset(name, data=rows)
-    for camera, frames in episode.images.items():
-        chunked = {"chunks": (1, *frames.shape[1:]), "compression": "gzip"} if compressed else {}
-        group.create_dataset(f"obs/{camera}_image", data=frames, **chunked)
+    create(group, values)
+    create(group, {f"obs/{camera}_image": frames for camera, frames in episode.images.items()}, compressed)
     group.attrs["num_samples"] = steps
     group.attrs["seed"] = episode.seed

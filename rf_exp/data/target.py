@@ -1,6 +1,6 @@
 """What exports share, and the libraries that they and imports need."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -21,6 +21,13 @@ def library(name: str) -> Any:
             f"this format needs {name.partition('.')[0]}, which is not installed ({error}); "
             'install what formats of others need: pip install -e ".[export]"'
         ) from error
+
+
+def create(group: Any, arrays: Mapping[str, NDArray[Any]], compressed: bool = False) -> None:
+    """Arrays of a group of an HDF5 file, by their names; compressed each row by itself."""
+    for name, rows in arrays.items():
+        chunked = {"chunks": (1, *rows.shape[1:]), "compression": "gzip"} if compressed else {}
+        group.create_dataset(name, data=rows, **chunked)
 
 
 def flat(values: NDArray[Any]) -> NDArray[Any]:

@@ -5,7 +5,6 @@ It goes on where it was left: an episode that is in the store is not read again.
 
 from collections.abc import Sequence
 from contextlib import closing
-from itertools import islice
 from pathlib import Path
 
 from rf_exp.artifacts import keep_text
@@ -110,10 +109,10 @@ def opened(paths: Sequence[Path], task: str | None) -> Source:
         raise
 
 
-def _pickles(folder: Path) -> list[str]:
-    """One of the pickles in a folder as the release lays them out, if there are any."""
-    files = (each for depth in ("*", "*/*", "*/*/*") for each in folder.glob(depth) if each.suffix in PICKLES)
-    return [each.relative_to(folder).as_posix() for each in islice(files, 1)]
+def _pickle(folder: Path) -> str:
+    """One of the pickles in a folder as the release lays them out; empty where there are none."""
+    files = (each for depth in ("*", "*/*", "*/*/*") for each in folder.glob(depth))
+    return next((each.relative_to(folder).as_posix() for each in files if each.suffix in PICKLES), "")
 
 
 def _refuse_others(path: Path) -> None:
@@ -123,11 +122,11 @@ def _refuse_others(path: Path) -> None:
             raise ArgumentError(f"there is nothing at {path}; {POSSIBLE}")
         kind = other_kind(path)
         within = sorted(each.name for each in path.iterdir()) if path.is_dir() else []
-        pickles = _pickles(path) if path.is_dir() and not replay_buffer.is_buffer(path) else []
+        pickled = _pickle(path) if path.is_dir() and not replay_buffer.is_buffer(path) else ""
     except OSError as error:
         raise StageError(f"{path} cannot be read: {error.strerror or error}") from error
-    if path.suffix in PICKLES or kind == "a pickle" or pickles:
-        what = f"a folder of pickles ({pickles[0]})" if pickles else "a pickle"
+    if path.suffix in PICKLES or kind == "a pickle" or pickled:
+        what = f"a folder of pickles ({pickled})" if pickled else "a pickle"
         raise ArgumentError(
             f"{path} is {what}; pickles can run any code, and none is ever loaded: import the .h5 of which "
             "the release makes them, demos/<Task>-rf/motionplanning/<stamp>.h5, or the Zarr made of them"
