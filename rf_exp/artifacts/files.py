@@ -45,11 +45,9 @@ def whole(path: Path) -> Iterator[Path]:
     try:
         draft = folder / path.name
         yield draft
+        written = [draft, *(each for each in draft.rglob("*") if not each.is_symlink())]
         with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
-            for _ in pool.map(
-                _to_disk, [draft, *(each for each in draft.rglob("*") if not each.is_symlink())]
-            ):
-                pass  # an error of one is raised here
+            list(pool.map(_to_disk, written))  # an error of one is raised here
         draft.replace(path)
         _to_disk(path.parent)
     finally:

@@ -7,6 +7,7 @@ videos/chunk-<c>/<camera>/episode_<e>.mp4        what a camera saw in it
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,6 @@ from rf_exp.store import Store
 __all__ = ["PICTURES", "TAGS", "held", "write"]
 
 EPISODES_A_CHUNK = 1000
-
-
-def held(pictures: str, agent: int | None = None) -> str:
-    """What lies in the folder, of all agents or of one."""
-    return lerobot.held(pictures, agent, _Writer.VERSION)
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
@@ -62,6 +58,9 @@ class _Writer(Writer):
             "chunks_size": EPISODES_A_CHUNK,
         }
         return {key: value for key, value in found.items() if not key.endswith("_files_size_in_mb")}
+
+
+held = partial(lerobot.held, version=_Writer.VERSION)
 
 
 def _plain(stats: Mapping[str, Stats]) -> Any:

@@ -21,7 +21,6 @@ FILE = "demonstrations.h5"
 
 
 def held(pictures: str) -> str:
-    """What lies in the folder."""
     return (
         f"`{FILE}`, the file that Policy-Lightning's `dataset_path` names: `action_<k>` (T, 8) of arm k,\n"
         "from 0 on, joint targets in rad and a gripper command as they were meant, and `head_cam_<k>`\n"
@@ -32,7 +31,6 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into a file."""
     compressed = {"compression": "gzip", "compression_opts": 4} if pictures == "gzip" else {}
     size, steps = (3, store.attrs["height"], store.attrs["width"]), store.steps
     names = {camera: _camera(camera) for camera in store.cameras}

@@ -39,7 +39,6 @@ GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # y up and z backward, from y down
 
 
 def held(pictures: str) -> str:
-    """What lies in the folder."""
     return (
         f"`{NAME}.h5` and `{NAME}.json`, as ManiSkill's RecordEpisode writes them and the authors' release\n"
         "reads them below `demos/<Task>-rf/motionplanning`: a group `traj_<i>` an episode, with `actions`\n"
@@ -52,7 +51,6 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into two files."""
     name = environment(store.attrs["task"])
     seeds, steps = store.seeds.tolist(), np.diff(store.episode_ends, prepend=0).tolist()
     with library("h5py").File(folder / f"{NAME}.h5", "w") as file:
@@ -114,6 +112,7 @@ def _write(group: Any, store: Store, episode: Episode, compressed: bool) -> None
         }
         for name, matrix in given.items():
             values[f"{where}/{name}"] = np.tile(matrix.astype(np.float32), (len(done) + 1, 1, 1))
+    seen: dict[tuple[str, str], NDArray[Any]]
     seen = {(camera, "rgb"): frames for camera, frames in episode.images.items()}
     for name, depth in episode.extras.items():
         what, _, camera = name.partition("_")

@@ -27,7 +27,6 @@ TOLD = ("action", "state", "tcp_action")
 
 
 def held(pictures: str) -> str:
-    """What lies in the folder."""
     return (
         "`<Task>-rf_Agent<k>_<N>.zarr`, a Zarr 2 replay buffer for each arm k, from 0 on, of N\n"
         "demonstrations, as the authors' release keeps them in `data/zarr_data`. `action`, `state` and\n"

@@ -21,7 +21,6 @@ VALID_EVERY = 10  # episodes, the share that robomimic's own script takes
 
 
 def held(pictures: str) -> str:
-    """What lies in the folder."""
     return (
         f"`{FILE}`, for robomimic's `SequenceDataset` with `load_next_obs=False`: a group `data/demo_<k>`\n"
         "for each episode, with `actions` (joint targets in rad, gripper commands; one agent behind the\n"
@@ -32,7 +31,6 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into a file in `folder`; pictures are kept as one of `PICTURES`."""
     with library("h5py").File(folder / FILE, "w") as file:
         data = file.create_group("data")
         for index in range(len(store)):

@@ -132,11 +132,6 @@ class Flat(Source):
         self._told, self._state, self._close = told, state, close
         episodes = [told[start:end] for start, end in zip(self._starts, self._ends, strict=True)]
         seeds = [*range(len(episodes))]
-        lacks = (
-            list(LACKS)
-            + ([] if self._frames else ["pictures"])
-            + ([] if state is not None else ["measured joints"])
-        )
         self.contents = Contents(
             form=form,
             task=task,
@@ -148,7 +143,7 @@ class Flat(Source):
             size_px=next((each.size_px for each in self._frames.values()), (0, 0)),
             told=digest_of(episodes, seeds),
             disturbed=within_limits(told[:steps])[1] > 0,
-            missing=lacks,
+            missing=[*LACKS, *["pictures"] * (not self._frames), *["measured joints"] * (state is None)],
             notes=[*notes, *left_out, *surplus, *bounds_note(episodes)],
         )
 

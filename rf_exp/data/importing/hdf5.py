@@ -1,6 +1,7 @@
 """HDF5 files of others: groups and arrays that are there as declared, in the file itself."""
 
 import re
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,8 @@ from numpy.typing import NDArray
 from rf_exp.data.importing.source import MOST_BYTES, MOST_CHUNK_BYTES, checked_shape, expect, reads
 from rf_exp.data.target import library
 
-NAME = re.compile(
-    r"[A-Za-z0-9][\w.-]{0,63}", re.ASCII
-)  # of cameras and objects, which become parts of a store
+# Of cameras and objects, which become parts of a store.
+NAME = re.compile(r"[A-Za-z0-9][\w.-]{0,63}", re.ASCII)
 
 
 def opened(path: Path) -> Any:
@@ -74,11 +74,8 @@ def array(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds:
     expect(not elsewhere, path, f"{said} lies in another file")
     with reads(path, said):
         if chunks:
-            most = int(np.prod(chunks)) * dtype.itemsize
-            there, needed = (
-                found.id.get_num_chunks(),
-                int(np.prod([-(-n // c) for n, c in zip(shape, chunks, strict=True)])),
-            )
+            most, there = prod(chunks) * dtype.itemsize, found.id.get_num_chunks()
+            needed = prod(-(-n // c) for n, c in zip(shape, chunks, strict=True))
         else:
             most, there, needed = 0, found.id.get_storage_size(), found.nbytes
     expect(most <= MOST_CHUNK_BYTES, path, f"{said} is compressed in chunks of {most} bytes")
@@ -95,7 +92,7 @@ def needed(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds
 
 def rows(path: Path, found: Any, start: int, end: int) -> NDArray[Any]:
     """Rows of a dataset, read. Raises StageError."""
-    size = (end - start) * int(np.prod(found.shape[1:])) * found.dtype.itemsize
+    size = (end - start) * prod(found.shape[1:]) * found.dtype.itemsize
     expect(size <= MOST_BYTES, path, f"{found.name} has {size} bytes in one episode")
     with reads(path, f"{found.name}, rows {start} to {end - 1},"):
         return np.asarray(found[start:end])

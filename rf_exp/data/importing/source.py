@@ -59,9 +59,7 @@ class Contents:
     objects: Sequence[str] = ()
     told: str = ""  # digest of all commands: whether another source is the same one
     disturbed: bool = False  # whether commands that are executed differ from those that are kept as meant
-    scene: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # where robots and cameras stand, as in an identity
+    scene: Mapping[str, Any] = field(default_factory=dict)  # where arms and cameras stand, as in an identity
     description: Description | None = None
     missing: Sequence[str] = ()  # keys of CONSEQUENCES
     notes: Sequence[str] = ()  # what was left out or changed

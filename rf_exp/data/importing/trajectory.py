@@ -53,12 +53,7 @@ class Survey:
 
     def __init__(self, path: Path, file: Any) -> None:
         self._path, self._file = path, file
-        self._noted: dict[str, None] = {}  # in the order in which they came
-
-    @property
-    def notes(self) -> list[str]:
-        """What was left out of some trajectory, or is not known of it."""
-        return list(self._noted)
+        self.notes: dict[str, None] = {}  # what was left out of some trajectory, or is not known of it
 
     def of(self, name: str, entry: Mapping[str, Any]) -> Trajectory:
         """What there is of a trajectory, of which the JSON file says `entry`. Raises StageError."""
@@ -146,7 +141,7 @@ class Survey:
         for name in hdf5.names(self._path, cameras) if cameras is not None else ():
             rgb = hdf5.array(self._path, cameras, f"{name}/rgb", (None, None, 3), "u")
             if rgb is None:
-                self._noted[f"camera {name} was left out: it has no rgb"] = None
+                self.notes[f"camera {name} was left out: it has no rgb"] = None
                 continue
             high, wide = rgb.shape[1:3]
             fits = rgb.dtype == np.uint8 and 0 < high <= LARGEST_PX and 0 < wide <= LARGEST_PX
@@ -163,7 +158,7 @@ class Survey:
         roots = [numbers(path, each.name, hdf5.rows(path, each, 0, steps)) for each in one.states]
         bases = [base_of(root[:, : len(POSE)].astype(float)) for root in roots]
         if any(base is None for base in bases):
-            self._noted["where arms stand is not known: a base moves, or does not stand upright"] = None
+            self.notes["where arms stand is not known: a base moves, or does not stand upright"] = None
         else:
             one.bases = [base for base in bases if base is not None]
         for name, rgb in one.rgb.items():
@@ -178,7 +173,7 @@ class Survey:
             }
             stand = stand_of(read, rgb.shape[1:3])
             if isinstance(stand, str):
-                self._noted[f"where camera {name} stands is not known: {stand}"] = None
+                self.notes[f"where camera {name} stands is not known: {stand}"] = None
             else:
                 one.stands[name] = stand
 
