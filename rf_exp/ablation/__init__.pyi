@@ -22,7 +22,6 @@ from .rows import append_row as append_row
 from .rows import newest as newest
 from .rows import row_of as row_of
 from .statistics import Estimate as Estimate
-from .statistics import Paired as Paired
 from .statistics import difference as difference
 from .statistics import mean as mean
 from .statistics import paired as paired

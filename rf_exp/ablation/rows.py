@@ -68,14 +68,7 @@ class GenerationRow(_Row):
     """One scene seed for which a demonstration was tried."""
 
     key: ClassVar = (
-        "task",
-        "constraints",
-        "brain",
-        "seed",
-        "version",
-        "disturbance_rad",
-        "delay_s",
-        "variation",
+        *("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s", "variation"),
     )
     task: str
     constraints: str
@@ -188,10 +181,7 @@ def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
 
 
 def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
-    """Add one row, durably, once a line that a crash left unfinished is removed. Raises StageError.
-
-    Any number of processes may append to one file at a time.
-    """
+    """Add one row, as `append_line` adds a line. Raises StageError."""
     values = {**plain(row), REASON: row.reason}
     text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
     try:

@@ -95,16 +95,14 @@ def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None
     refuse_existing(to, dry_run)
     stores = [Store.open(path) for path in paths]
     order = merge_order(stores)
+    first = order[0][0] if order else 0
+    what = f"{sum(map(len, stores))} episodes of {len(stores)} stores, from seed {first} on"
     if dry_run:
-        console.print(f"{to} would hold {told(stores, order[0][0] if order else 0)}; nothing was written")
+        console.print(f"{to} would hold {what}; nothing was written")
         return
     with writing(to), Progress(f"merge {to}", len(order), "episodes") as progress:
         merge(stores, to, progress.advance)
-    console.print(f"{to} holds {told(stores, order[0][0] if order else 0)}")
-
-
-def told(stores: Sequence[Store], first: int) -> str:
-    return f"{sum(map(len, stores))} episodes of {len(stores)} stores, from seed {first} on"
+    console.print(f"{to} holds {what}")
 
 
 def redraw_store(path: Path, to: Path, variation: str, copies: int, folder: Path | None) -> None:
@@ -190,7 +188,6 @@ def refuse_existing(path: Path, dry_run: bool) -> None:
 
 
 def mib(folder: Path) -> float:
-    """How much is in a folder."""
     return round(sum(each.stat().st_size for each in folder.rglob("*") if each.is_file()) / 2**20, 2)
 
 

@@ -48,10 +48,8 @@ class Damaged:
         try:
             return int(self._read("meta/seed", index, index + 1)[0])
         except Damage:
-            try:
+            with suppress(Damage, LookupError, TypeError, ValueError):
                 return int(self._certificate(index)["row"]["seed"])
-            except (Damage, LookupError, TypeError, ValueError):
-                pass
             raise
 
     def _certificate(self, index: int) -> Any:
