@@ -57,24 +57,13 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
         for index in range(len(store)):
             _write(file.create_group(f"traj_{index}"), store, store.episode(index), pictures == "gzip")
             advance()
+    mode = {"control_mode": CONTROL_MODE}
+    seen = {"obs_mode": "rgb" if store.cameras else "state_dict", **mode}
     told = {
-        "env_info": {
-            "env_id": name,
-            "env_kwargs": {
-                "obs_mode": "rgb" if store.cameras else "state_dict",
-                "control_mode": CONTROL_MODE,
-            },
-            "max_episode_steps": max(steps),
-        },
+        "env_info": {"env_id": name, "env_kwargs": seen, "max_episode_steps": max(steps)},
         "episodes": [
-            {
-                "episode_id": index,
-                "episode_seed": seed,
-                "reset_kwargs": {"seed": seed},
-                "control_mode": CONTROL_MODE,
-                "elapsed_steps": count,
-                SUCCESS: True,
-            }
+            {"episode_id": index, "episode_seed": seed, "reset_kwargs": {"seed": seed}, **mode}
+            | {"elapsed_steps": count, SUCCESS: True}
             for index, (seed, count) in enumerate(zip(seeds, steps, strict=True))
         ],
         "source_type": "motionplanning",

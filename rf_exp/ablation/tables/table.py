@@ -10,6 +10,11 @@ from rf_exp.texts import markdown, one_line
 MISSING = "missing"
 CLEAN = "without a violation"  # generation: at the first attempt
 Interval = tuple[float, float]
+NAMED = {"<": "less", ">": "greater", "\\": "backslash", "~": "asciitilde", "^": "asciicircum"}
+LATEX = str.maketrans(
+    {letter: rf"\text{name}{{}}" for letter, name in NAMED.items()}
+    | {letter: rf"\{letter}" for letter in "&%$#_{}"}
+)
 
 
 @dataclass(frozen=True)
@@ -204,15 +209,7 @@ def p_value(p: float) -> str:
 
 
 def escape_latex(text: str) -> str:
-    special = {
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-    }
-    special |= {character: "\\" + character for character in "&%$#_{}"}
-    return "".join(special.get(character, character) for character in one_line(text))
+    return one_line(text).translate(LATEX)
 
 
 @dataclass(frozen=True)
