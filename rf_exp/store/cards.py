@@ -79,9 +79,8 @@ def facts(store: Store) -> dict[str, Any]:
     if said := imported(store.identity):
         missing = said.get("missing")
         found["imported from"] = str(said.get("format"))
-        found["missing"] = (
-            ", ".join(map(str, missing)) if isinstance(missing, Mapping) and missing else "nothing"
-        )
+        names = ", ".join(map(str, missing)) if isinstance(missing, Mapping) else ""
+        found["missing"] = names or "nothing"
     return {
         name: printable(value, LONGEST_LINE) if isinstance(value, str) else value
         for name, value in found.items()

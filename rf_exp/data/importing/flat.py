@@ -111,9 +111,8 @@ class Flat(Source):
         Raises StageError for arrays of other lengths than one another, and ends that do not rise.
         """
         agents = told.shape[1]
-        expect(
-            0 < agents <= MOST_AGENTS, path, f"it has commands of {agents} arms; expected 1 to {MOST_AGENTS}"
-        )
+        arms = f"it has commands of {agents} arms; expected 1 to {MOST_AGENTS}"
+        expect(0 < agents <= MOST_AGENTS, path, arms)
         expect(len(ends) > 0, path, "episode_ends is empty")
         rising = bool((np.diff(ends.astype(np.int64), prepend=0) > 0).all())
         expect(rising, path, f"episode_ends does not rise from above 0: {ends[:8].tolist()}")
@@ -121,11 +120,8 @@ class Flat(Source):
         expect(steps <= count, path, f"episode_ends names {steps} rows; there are commands of {count}")
         self._frames, left_out = cameras_of(frames, agents)
         for each in self._frames.values():
-            expect(
-                each.shape[0] == count,
-                path,
-                f"{each.name} has {each.shape[0]} rows, the commands {count}; which of them lack is unknown",
-            )
+            rows = f"{each.name} has {each.shape[0]} rows, the commands {count}"
+            expect(each.shape[0] == count, path, f"{rows}; which of them lack is unknown")
         surplus = [f"{count - steps} rows behind the last episode were left out"] if count > steps else []
         self._ends = ends.astype(np.int64).tolist()
         self._starts = [0, *self._ends[:-1]]

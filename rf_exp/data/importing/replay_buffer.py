@@ -72,11 +72,9 @@ def read(paths: Sequence[Path], task: str) -> Flat:
     notes: list[str] = []
     for number, path in enumerate(paths):
         columns = _described(path, "data/action")["shape"][-1]
-        expect(
-            columns % COMMAND == 0 and 0 < columns <= COMMAND * MOST_AGENTS,
-            path,
-            f"data/action has {columns} columns; expected {COMMAND} for each arm, seven joints and a gripper",
-        )
+        fits = columns % COMMAND == 0 and 0 < columns <= COMMAND * MOST_AGENTS
+        possible = f"{COMMAND} for each arm, seven joints and a gripper"
+        expect(fits, path, f"data/action has {columns} columns; expected {possible}")
         told.append(commands(path, "data/action", _numbers(path, "data/action")))
         ends.append(_read(path, "meta/episode_ends", (), "iu"))
         states.append(_state(path, told[-1], notes))
@@ -89,11 +87,8 @@ def read(paths: Sequence[Path], task: str) -> Flat:
                 notes.append(f"{path.name}/data/{name} was left out")
     for path, one, other in zip(paths[1:], ends[1:], told[1:], strict=True):
         same = np.array_equal(one, ends[0]) and len(other) == len(told[0])
-        expect(
-            same,
-            path,
-            f"its episodes end elsewhere than those of {paths[0].name}: these are not arms of one data set",
-        )
+        elsewhere = f"its episodes end elsewhere than those of {paths[0].name}"
+        expect(same, path, f"{elsewhere}: these are not arms of one data set")
     measured = [state for state in states if state is not None]
     state = np.concatenate(measured, axis=1) if len(measured) == len(states) else None
     return Flat(paths[0], FORM, task, np.concatenate(told, axis=1), ends[0], frames, state, notes)
@@ -184,18 +179,13 @@ def _described(path: Path, name: str) -> dict[str, Any]:
         expect(fits and bool(sizes), path, f"{key} of {name} is {json.dumps(sizes)}")
     expect(len(said["shape"]) == len(said["chunks"]), path, f"{name} has chunks of another number of axes")
     dtype = said.get("dtype")
-    expect(
-        isinstance(dtype, str) and _NUMBER.fullmatch(dtype) is not None,
-        path,
-        f"{name} holds {json.dumps(dtype)}; expected numbers: objects may be pickles, which are never loaded",
-    )
+    plain = isinstance(dtype, str) and _NUMBER.fullmatch(dtype) is not None
+    wanted = "expected numbers: objects may be pickles, which are never loaded"
+    expect(plain, path, f"{name} holds {json.dumps(dtype)}; {wanted}")
     codec, filters = said.get("compressor"), said.get("filters")
     used = codec.get("id") if isinstance(codec, dict) else codec
-    expect(
-        (used is None or used in SAFE) and not filters,
-        path,
-        f"{name} is compressed by {json.dumps(used)} with filters {json.dumps(filters)}; possible are "
-        f"{', '.join(SAFE)} alone",
-    )
+    how = f"{name} is compressed by {json.dumps(used)} with filters {json.dumps(filters)}"
+    safe = (used is None or used in SAFE) and not filters
+    expect(safe, path, f"{how}; possible are {', '.join(SAFE)} alone")
     expect(said.get("dimension_separator", ".") in (".", "/"), path, f"{name} has files of unknown names")
     return said

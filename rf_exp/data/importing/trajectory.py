@@ -102,11 +102,9 @@ class Survey:
             return [""]
         names = hdf5.names(self._path, found)
         numbered = {int(arm[1] or 0): arm[0] for arm in map(_ARM.fullmatch, names) if arm}
-        expect(
-            bool(names) and len(names) <= MOST_AGENTS and sorted(numbered) == [*range(len(names))],
-            self._path,
-            f"{found.name} is of {', '.join(names[:8]) or 'nobody'}; expected panda-0, panda-1, ...",
-        )
+        fits = 0 < len(names) <= MOST_AGENTS and sorted(numbered) == [*range(len(names))]
+        whose = ", ".join(names[:8]) or "nobody"
+        expect(fits, self._path, f"{found.name} is of {whose}; expected panda-0, panda-1, ...")
         return [f"/{numbered[k]}" for k in range(len(names))]
 
     def _read(self, datasets: Sequence[Any], steps: int) -> NDArray[np.float32]:
