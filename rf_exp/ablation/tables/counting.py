@@ -58,6 +58,11 @@ def is_baseline(row: EvaluationRow) -> bool:
     return (row.arch, row.constraints) == (BASELINE_ARCH, BASELINE_CONSTRAINTS)
 
 
+def under_all(rows: Iterable[EvaluationRow]) -> list[EvaluationRow]:
+    """The rollouts of policies that learnt from demonstrations under all constraints."""
+    return [row for row in rows if row.constraints == BASELINE_CONSTRAINTS]
+
+
 def demos_of(rows: Iterable[EvaluationRow]) -> list[int]:
     """The paper's numbers of demonstrations and any further one that has rows."""
     return sorted({*paper().demos, *(row.demos for row in rows if is_baseline(row))})

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from itertools import chain
+from operator import attrgetter
 from typing import Any, TypeVar
 
 from rf_exp.ablation.results import Results
@@ -9,13 +10,13 @@ from rf_exp.ablation.rows import FINAL_SEED, EvaluationRow, grouped, newest
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.counting import (
     BASELINE_ARCH,
-    BASELINE_CONSTRAINTS,
     both_ways,
     but_first,
     is_baseline,
     rates,
     recipes_of,
     tasks_of,
+    under_all,
     unshielded,
     violations,
 )
@@ -41,7 +42,7 @@ def architectures(results: Results, suite: Suite) -> Table:
     Further recipes than the first have rows of the architectures that were measured, where they are several.
     """
     everything = unshielded(results)
-    rows = [row for row in everything if row.constraints == BASELINE_CONSTRAINTS]
+    rows = under_all(everything)
     known, names = paper().architectures, tasks_of(paper().architectures[BASELINE_ARCH], rows)
     recipes = recipes_of(rows)
     columns = (
@@ -139,10 +140,7 @@ def shield(results: Results, suite: Suite) -> Table:
 
     Only scenes that were rolled out both ways are compared, where there are such scenes.
     """
-    groups = grouped(
-        (row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS),
-        lambda row: (row.task, row.arch, row.demos, row.recipe),
-    )
+    groups = grouped(under_all(results.evaluation), attrgetter("task", "arch", "demos", "recipe"))
     lines, gaps = [], []
     for (task, arch, demos, recipe), rows in _by_task_first(groups, [*paper().levels, *suite]):
         without, shielded = both_ways(newest(rows)[0])
@@ -182,9 +180,8 @@ def shield(results: Results, suite: Suite) -> Table:
 
 def final(results: Results, suite: Suite) -> Table:
     """A row for each policy that has acted in the final scenes, beside the scenes of the other tables."""
-    groups = grouped(
-        unshielded(results), lambda row: (row.task, row.arch, row.constraints, row.demos, row.recipe)
-    )
+    policies = attrgetter("task", "arch", "constraints", "demos", "recipe")
+    groups = grouped(unshielded(results), policies)
     lines = []
     for (task, arch, constraints, demos, recipe), some in _by_task_first(groups, [*paper().levels, *suite]):
         rows = newest(some)[0]
@@ -213,10 +210,7 @@ def final(results: Results, suite: Suite) -> Table:
 def foreign(results: Results, suite: Suite) -> Table:
     """A row for each policy that is somebody else's and each task, shielded rollouts apart."""
     rows = [row for row in results.evaluation if row.arch == FOREIGN.name]
-    groups = grouped(
-        (row for row in rows if row.constraints == BASELINE_CONSTRAINTS),
-        lambda row: (row.task, row.recipe, row.demos, row.shield),
-    )
+    groups = grouped(under_all(rows), attrgetter("task", "recipe", "demos", "shield"))
     lines = []
     for (task, name, demos, guarded), some in _by_task_first(groups, suite):
         told = "true poses" if some[-1].observation == "state" else "what can be measured"

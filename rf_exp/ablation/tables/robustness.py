@@ -1,13 +1,14 @@
 """What policies lose where scenes vary: what conf/experiment/robustness.yaml compares."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from operator import attrgetter
 from statistics import fmean
 
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow, grouped, newest
 from rf_exp.ablation.statistics import paired
 from rf_exp.ablation.tables import notes
-from rf_exp.ablation.tables.counting import BASELINE_ARCH, BASELINE_CONSTRAINTS, rates, tasks_of, varies
+from rf_exp.ablation.tables.counting import BASELINE_ARCH, rates, tasks_of, under_all, varies
 from rf_exp.ablation.tables.known import Suite, paper, title_of
 from rf_exp.ablation.tables.table import (
     Column,
@@ -31,10 +32,8 @@ def robustness(results: Results, suite: Suite) -> Table:
 
     Each is paired with the same policies in the same scenes without variation. Policies of others count too.
     """
-    groups: dict[Policy, list[EvaluationRow]] = grouped(
-        (row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS),
-        lambda row: (row.task, row.recipe, row.learned_on, row.demos, row.shield, row.arch),
-    )
+    policies = attrgetter("task", "recipe", "learned_on", "demos", "shield", "arch")
+    groups: dict[Policy, list[EvaluationRow]] = grouped(under_all(results.evaluation), policies)
     varied = {policy: rows for policy, rows in groups.items() if any(map(varies, rows))}
     order = tasks_of([*paper().levels, *suite], (row for rows in varied.values() for row in rows))
 
