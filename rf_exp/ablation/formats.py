@@ -173,12 +173,11 @@ def turned(table: Table, told: Callable[[Cell], str]) -> Iterator[tuple[str, lis
     """(title, heading, rows) of its lines of one title: a column for each, which their first cell names."""
     for title in dict.fromkeys(line.title for line in table.lines):
         lines = [line for line in table.lines if line.title == title]
-        first, *columns = table.columns
-        rows = [
+        heading, *rows = (
             [column.title, *(told(line.cells[index]) for line in lines)]
-            for index, column in enumerate(columns, start=1)
-        ]
-        yield title, [first.title, *(told(line.cells[0]) for line in lines)], rows
+            for index, column in enumerate(table.columns)
+        )
+        yield title, heading, rows
 
 
 def _column(table: Table, index: int, after: int | None) -> Grid:

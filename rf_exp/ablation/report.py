@@ -12,7 +12,6 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from rf_exp.ablation import page, plots
@@ -267,7 +266,7 @@ def _data(out: Path) -> Section:
             frames: tuple[str, ...] = ()
             if len(store) and "global" in store.cameras:
                 steps = np.linspace(0, store.episode_ends[0] - 1, STRIP).round().astype(int)
-                pictures = (np.asarray(store.images["global"][int(step)]) for step in steps)
+                pictures = (Image.fromarray(np.asarray(store.images["global"][int(step)])) for step in steps)
                 frames = tuple(_image(picture, FRAME_WIDTH) for picture in pictures)
             text = f"{len(store)} episodes, {store.steps} control steps, {len(store.cameras)} cameras"
             drawn.append(Panel(path.relative_to(out / "data").as_posix(), strip=frames, caption=text))
@@ -346,9 +345,9 @@ def _provenance(out: Path, results: Results) -> Section:
     return Section("provenance", "Provenance", titles=("", ""), rows=facts, folded=tuple(made.items()))
 
 
-def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:
+def _image(image: Image.Image, width: int) -> str:
     """A picture as the data URL of a JPEG of at most that width, px."""
-    picture = (Image.fromarray(image) if isinstance(image, np.ndarray) else image).convert("RGB")
+    picture = image.convert("RGB")
     picture.thumbnail((width, 4 * width))
     buffer = io.BytesIO()
     picture.save(buffer, "JPEG", quality=85)
