@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import trimesh
@@ -106,11 +107,9 @@ def _meshes(task: Task) -> dict[str, Mesh]:
 
 def _object(task: Task, name: str) -> Mesh:
     parts = task.asset(name).parts
-    colours = np.concatenate([np.tile(part.colour, (len(part.mesh.vertices), 1)) for part in parts])
-    offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts)])
-    vertices = np.concatenate([part.mesh.vertices for part in parts])
-    faces = np.concatenate([part.mesh.faces + offset for part, offset in zip(parts, offsets, strict=False)])
-    return Mesh(vertices, faces, colours)
+    whole = cast(trimesh.Trimesh, trimesh.util.concatenate([part.mesh for part in parts]))
+    counts = [len(part.mesh.vertices) for part in parts]
+    return Mesh(whole.vertices, whole.faces, np.repeat([part.colour for part in parts], counts, axis=0))
 
 
 class EpisodeRecorder(SceneRecorder):
