@@ -5,13 +5,13 @@ poses (4, 4) matrices `a_from_b` or position and quaternion (w, x, y, z), frames
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 JOINTS, FINGERS = 7, 2
 ACTION_SIZE = JOINTS + 1  # of an agent: joint targets in rad, and the gripper from -1 (closed) to 1 (open)
@@ -50,10 +50,7 @@ class Contract:
     height: int = 240
 
     def __post_init__(self) -> None:
-        for name, value, possible in (
-            ("state", self.state, STATES),
-            ("cameras", self.cameras, CAMERAS),
-        ):
+        for name, value, possible in (("state", self.state, STATES), ("cameras", self.cameras, CAMERAS)):
             if value not in possible:
                 raise ValueError(f"unknown {name} {value!r}; available: {', '.join(possible)}")
         for name in ("arms", "width", "height"):
@@ -77,62 +74,42 @@ class Contract:
     @property
     def entries(self) -> dict[str, Entry]:
         """All keys of an observation but `reset`, the seed of the scene, an integer in the first alone."""
-        found: dict[str, Entry] = {}
-        arms, size = self.arms, (self.height, self.width)
-        if self.state != "none":
-            joints = (arms, JOINTS + FINGERS)
-            found["qpos"] = Entry(joints, "float32", "measured: seven joints in rad, two fingers in m")
-            found["qvel"] = Entry(joints, "float32", "their velocities: rad/s, m/s")
-        if self.state == "full":
-            pose = Entry((7,), "float32", "world: position in m, quaternion w, x, y, z")
-            found |= {f"pose_{name}": pose for name in self.objects}
-        if self.pictures:
-            picture = Entry((*size, 3), "uint8", "RGB, rows from the top")
-            found |= {f"rgb_{name}": picture for name in self.camera_names}
-        if self.depth:
-            depth = Entry(size, "float32", "m along the viewing direction; 0 is nothing")
-            found |= {f"depth_{name}": depth for name in self.camera_names}
-        if self.segmentation:
-            bodies = Entry(size, "uint8", "which body; 0 is none")
-            found |= {f"segmentation_{name}": bodies for name in self.camera_names}
-        if self.calibration:
-            found["world_from_base"] = Entry((arms, 4, 4), "float32", "where the arms stand, m")
-            eye = Entry((4, 4), "float32", "x right, y down, z forward (OpenCV), m")
-            found |= {f"world_from_camera_{name}": eye for name in self.camera_names}
-            lens = Entry((3, 3), "float32", "pixels from camera coordinates")
-            found |= {f"intrinsics_{name}": lens for name in self.camera_names}
-        if self.language:
-            found["language"] = Entry((), "str", "the task in words")
-        return found
+        arms, size, alone = self.arms, (self.height, self.width), [""]
+        joints, eyes = (arms, JOINTS + FINGERS), [f"_{name}" for name in self.camera_names]
+        objects = [f"_{name}" for name in self.objects]
+        told, full, known = self.state != "none", self.state == "full", self.calibration
+        listed = (  # whether there are keys that begin so, how they may end, and what they hold
+            (told, "qpos", alone, joints, "float32", "measured: seven joints in rad, two fingers in m"),
+            (told, "qvel", alone, joints, "float32", "their velocities: rad/s, m/s"),
+            (full, "pose", objects, (7,), "float32", "world: position in m, quaternion w, x, y, z"),
+            (self.pictures, "rgb", eyes, (*size, 3), "uint8", "RGB, rows from the top"),
+            (self.depth, "depth", eyes, size, "float32", "m along the viewing direction; 0 is nothing"),
+            (self.segmentation, "segmentation", eyes, size, "uint8", "which body; 0 is none"),
+            (known, "world_from_base", alone, (arms, 4, 4), "float32", "where the arms stand, m"),
+            (known, "world_from_camera", eyes, (4, 4), "float32", "x right, y down, z forward (OpenCV), m"),
+            (known, "intrinsics", eyes, (3, 3), "float32", "pixels from camera coordinates"),
+            (self.language, "language", alone, (), "str", "the task in words"),
+        )
+        return {key + end: Entry(*holds) for there, key, ends, *holds in listed if there for end in ends}
 
     def made_up(self, seed: int = 0) -> dict[str, Any]:
         """An observation of the right keys, shapes and types: arms near their rest, pictures of noise."""
-        rng = np.random.default_rng(seed)
-        made: dict[str, Any] = {}
-        for key, (shape, dtype, _) in self.entries.items():
-            kind = key.split("_")[0]
-            if kind == "qpos":
-                values = np.tile([*SUITE["rest_rad"], *[SUITE["open_m"]] * FINGERS], (self.arms, 1))
-                values[:, :JOINTS] += rng.normal(0, 0.02, (self.arms, JOINTS))
-            elif kind == "qvel":
-                values = np.zeros(shape)
-            elif kind == "pose":
-                values = np.array([*rng.uniform(-0.2, 0.2, 2), 0.05, 1, 0, 0, 0])
-            elif kind in ("rgb", "segmentation"):
-                values = rng.integers(0, 256 if kind == "rgb" else 3, shape)
-            elif kind == "depth":
-                values = rng.uniform(0.5, 2.0, shape)
-            elif kind == "world":
-                values = np.tile(np.eye(4), (*shape[:-2], 1, 1))
-            elif kind == "intrinsics":
-                values = np.array(
-                    [[self.height, 0, self.width / 2], [0, self.height, self.height / 2], [0, 0, 1]]
-                )
-            else:
-                made[key] = self.description
-                continue
-            made[key] = values.astype(dtype)
-        return made
+        rng, rest = np.random.default_rng(seed), [*SUITE["rest_rad"], *[SUITE["open_m"]] * FINGERS]
+        lens = [[self.height, 0, self.width / 2], [0, self.height, self.height / 2], [0, 0, 1]]
+        made: dict[str, Callable[[tuple[int, ...]], ArrayLike]] = {  # by how a key begins
+            "qpos": lambda _: rest + np.pad(rng.normal(0, 0.02, (self.arms, JOINTS)), ((0, 0), (0, FINGERS))),
+            "qvel": np.zeros,
+            "pose": lambda _: [*rng.uniform(-0.2, 0.2, 2), 0.05, 1, 0, 0, 0],
+            "rgb": lambda shape: rng.integers(0, 256, shape),
+            "depth": lambda shape: rng.uniform(0.5, 2.0, shape),
+            "segmentation": lambda shape: rng.integers(0, 3, shape),
+            "world": lambda shape: np.broadcast_to(np.eye(4), shape),
+            "intrinsics": lambda _: lens,
+        }
+        return {
+            key: self.description if dtype == "str" else np.array(made[key.split("_")[0]](shape), dtype)
+            for key, (shape, dtype, _) in self.entries.items()
+        }
 
 
 def checked(answer: object, arms: int) -> NDArray[np.float64]:
