@@ -214,8 +214,9 @@ def rollout(
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
     action[:, ARM_JOINTS] = GRIPPER_OPEN
-    tally = _Tally()
-    while tally.steps < step_limit and not (tally.success or protective_stop(scene)):
+    ledger, success_paper, first = Ledger(), False, dict[tuple[int, ...], Violation]()  # of some agents
+    steps = violations = interventions = 0  # control steps
+    while steps < step_limit and not (ledger.success or protective_stop(scene)):
         declared = [_declared(world, runner) for runner in runners]
         shown = widened(scene)
         said = coordinate(shown, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
@@ -228,53 +229,31 @@ def rollout(
             action[np.array(runner.view.agents) - 1] = runner.act(decision)
         scene = world.step(narrow(action.copy(), joints))
         states, verdict = [runner.state for runner in runners], judge(scene)
-        step = RolloutStep(
-            scene,
-            narrow(action.copy(), joints),
-            {agent: narrow(chunk, joints) for state in states for agent, chunk in state.predicted.items()},
-            verdict,
-            None if monitor is None else monitor(scene),
-            None if decision is None else decision.withheld,
-            tuple(each for state in states for each in state.detections),
-            {agent: phase for state in states for agent, phase in state.phases.items()},
-        )
-        tally.see(step)
+        violation = None if monitor is None else monitor(scene)
+        withheld = None if decision is None else decision.withheld
+        steps += 1
+        ledger.see(scene, verdict)
+        success_paper |= verdict.success_paper
+        interventions += bool(withheld)
+        if violation is not None:
+            violations += 1
+            first.setdefault(violation.agents, violation)
         if on_step is not None:
+            step = RolloutStep(
+                scene,
+                narrow(action.copy(), joints),
+                {agent: narrow(chunk, joints) for each in states for agent, chunk in each.predicted.items()},
+                verdict,
+                violation,
+                withheld,
+                tuple(each for state in states for each in state.detections),
+                {agent: phase for state in states for agent, phase in state.phases.items()},
+            )
             on_step(step)
-    return tally.result(seed)
-
-
-class _Tally:
-    """What a rollout has come to so far."""
-
-    def __init__(self) -> None:
-        self.steps, self.success = 0, False
-        self._success_paper = False
-        self._violations = self._interventions = 0  # control steps
-        self._first: dict[tuple[int, ...], Violation] = {}  # agents -> their first violation
-        self._ledger = Ledger()
-
-    def see(self, step: RolloutStep) -> None:
-        self.steps += 1
-        self._success_paper |= step.verdict.success_paper
-        self._interventions += bool(step.withheld)
-        self._ledger.see(step.scene, step.verdict)
-        self.success = self._ledger.success
-        if step.violation is not None:
-            self._violations += 1
-            self._first.setdefault(step.violation.agents, step.violation)
-
-    def result(self, seed: int) -> Rollout:
-        return Rollout(
-            seed,
-            self.success,
-            self._success_paper,
-            self.steps,
-            self._violations,
-            self._ledger.contacts,
-            replace(self._ledger.account(self.success), violations=tuple(self._first.values())),
-            self._interventions,
-        )
+    account = replace(ledger.account(ledger.success), violations=tuple(first.values()))
+    return Rollout(
+        seed, ledger.success, success_paper, steps, violations, ledger.contacts, account, interventions
+    )
 
 
 def _declared(world: World, runner: PolicyRunner) -> Declaration:
