@@ -37,7 +37,7 @@ def make(size: str, sampler: str, steps: int) -> Policy:
 @torch.inference_mode()
 def call(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """Encode the pictures, put their features behind the known ones, and sample."""
-    features = torch.cat([known, policy.encode_whole(pictures)])[None]
+    features = torch.cat([known, policy.look(pictures)[0]])[None]
     proprio, nothing = (torch.zeros(1, features.shape[1], size) for size in (PROPRIO, 0))
     policy.act(features, proprio, nothing, [torch.Generator().manual_seed(0)])
 
@@ -47,7 +47,7 @@ def call_without_table(policy: Policy, pictures: torch.Tensor, known: torch.Tens
     """The same by the U-Net's reference computation, which projects step and observation every time."""
     config, head = policy.config, policy.head
     assert isinstance(head, DiffusionHead)
-    features = torch.cat([known, policy.encode_whole(pictures)])[None]
+    features = torch.cat([known, policy.look(pictures)[0]])[None]
     proprio, nothing = (torch.zeros(1, config.observation_steps, size) for size in (PROPRIO, 0))
     condition = head.trunk(policy.condition(features, proprio, nothing))
     sample = torch.randn(1, config.horizon, ACTION, generator=torch.Generator().manual_seed(0))
@@ -101,7 +101,7 @@ def main() -> None:
     config = ddim.config
     seen = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)
     with torch.inference_mode():
-        features = ddim.encode_whole(seen)
+        features = ddim.look(seen)[0]
     older, new = features[:-1], seen[-1:]
     variants: dict[str, Callable[[], None]] = {
         "ddpm_100": lambda: call(ddpm, new, older),

@@ -158,10 +158,7 @@ class MeasuredWorld(World, Protocol):
 
 
 def observe(
-    scene: Scene,
-    world: World,
-    declared: Sequence[Declaration],
-    coordination: Coordination | None = None,
+    scene: Scene, world: World, declared: Sequence[Declaration], coordination: Coordination | None = None
 ) -> list[Observation]:
     """What each of several controllers is handed of the present step. A camera takes what somebody asks for.
 

@@ -31,16 +31,20 @@ HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not 
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
 
 
-class EncoderConfig(Checked):
-    """Of an encoder, a frozen dataclass. What it has to be shown is said of its class."""
+class PartConfig(Checked):
+    """Of a part of a policy, a frozen dataclass."""
+
+    def check_in(self, policy: "PolicyConfig") -> None:
+        """Raises ArgumentError for a policy that it does not go with."""
+
+
+class EncoderConfig(PartConfig):
+    """Of an encoder. What it has to be shown is said of its class."""
 
     pictures: ClassVar[bool] = True  # whether it looks at pictures
     keypoints: ClassVar[bool] = False  # whether it learns from where grippers change, and hands are then
     privileged: ClassVar[bool] = False  # whether the true poses of all things are part of the context instead
     large: ClassVar[bool] = False  # whether more than one thread makes it faster
-
-    def check_in(self, policy: "PolicyConfig") -> None:
-        """Raises ArgumentError for a policy that it does not go with."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +98,8 @@ class KeypointsConfig(EncoderConfig):
         require(fits, "crop_refinement", self.crop_refinement, expected)
 
 
-class HeadConfig(Checked):
-    """Of a head, a frozen dataclass. A field that is the configuration of another has its own section."""
-
-    def check_in(self, policy: "PolicyConfig") -> None:
-        """Raises ArgumentError for a policy that it does not go with."""
+class HeadConfig(PartConfig):
+    """Of a head. A field that is the configuration of another has its own section."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ ENCODERS: dict[str, Kind] = {
     "resnet18": Kind(ResNet18Config, "encoders:ResNet18"),
     "compact": Kind(CompactConfig, "encoders:Compact"),
     "keypoints": Kind(KeypointsConfig, "keypoint_encoder:KeypointEncoder"),
-    "privileged": Kind(PrivilegedConfig, "encoders:Privileged"),
+    "privileged": Kind(PrivilegedConfig, "interfaces:Encoder"),
 }
 HEADS: dict[str, Kind] = {
     "diffusion": Kind(DiffusionConfig, "heads:DiffusionHead"),
@@ -195,7 +196,7 @@ def _add(kind: str, name: str, part: Kind) -> None:
     PARTS[kind][name] = part
 
 
-def name_of(part: EncoderConfig | HeadConfig) -> str:
+def name_of(part: PartConfig) -> str:
     """The name by which a part is chosen."""
     every = (each for kinds in PARTS.values() for each in kinds.items())
     return next(name for name, kind in every if kind.config is type(part))
@@ -373,8 +374,7 @@ class TrainConfig(Checked):
     seed: int = 0  # of an experiment, `train_seed`
 
     def check(self) -> None:
-        budgets = {name: getattr(self, name) for name in BUDGET}
-        given = {name: value for name, value in budgets.items() if value is not None}
+        given = {name: value for name in BUDGET if (value := getattr(self, name)) is not None}
         require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
         require(0 <= self.seed < 2**32, "seed", self.seed, f"0 to {2**32 - 1}")
 

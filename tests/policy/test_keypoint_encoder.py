@@ -331,7 +331,7 @@ def test_policies_of_all_views_save_and_load(
         assert (read, spec) == (view, spec_of(fitted, store, view))
         windows = Windows(store, view, fitted, CPU)
         batch = windows.batch(np.arange(4), None)
-        features = policy.encode_whole(batch.pictures, batch.rays)[batch.frames]
+        features = policy.look(batch.pictures, batch.rays)[0][batch.frames]
         generators = [torch.Generator().manual_seed(k) for k in range(4)]
         actions = policy.act(features, batch.proprio, batch.context, generators)
         assert actions.shape == (4, fitted.horizon, view.action_size // 8 * 17)

@@ -140,8 +140,7 @@ class DiffusionRunner(PolicyRunner):
     @property
     def _observes(self) -> bool:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
-        runs_out = len(self.state.targets) < self._config.observation_steps
-        return not self._episode.frames or self.state.kept or runs_out
+        return self.state.kept or len(self.state.targets) < self._config.observation_steps
 
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:

@@ -11,7 +11,7 @@ batch serve several windows; each window comes exactly once in an epoch all the 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -90,20 +90,15 @@ def _told_and_sent(
     stream, bases = view.streams[row], [spec.world_from_base] * len(store)
     if config.encoder.keypoints:  # which is told where they do
         bases = [each.world_from_base for each in calibrations(store, stream.cameras)]
-    poses = [from_quaternion(store.poses[name][:]) for name in spec.objects]
-    episodes = zip(
-        bases, *map(store.by_episode, (measured(store), meant(store), memory, *poses)), strict=True
-    )
-    for stands, qpos, action, remembers, *things in episodes:
+    poses = (from_quaternion(store.poses[name][:]) for name in spec.objects)
+    arrays = map(store.by_episode, (measured(store), meant(store), memory, *poses))
+    for stands, qpos, action, remembers, *things in zip(bases, *arrays, strict=True):
         seen = dict(zip(spec.objects, things, strict=True))
         own = action[:, np.array(stream.agents) - 1]
-        told = context(spec, view, row, qpos, seen, remembers, stands)
-        yield (
-            told,
-            task_space_actions(spec, stands, stream, own)
-            if config.task_space_actions
-            else own.reshape(len(own), -1),
-        )
+        sent = own.reshape(len(own), -1)
+        if config.task_space_actions:
+            sent = task_space_actions(spec, stands, stream, own)
+        yield context(spec, view, row, qpos, seen, remembers, stands), sent
 
 
 class _Meant:
@@ -380,11 +375,11 @@ class Windows:
             rays[..., 2:3] -= rays[..., :2] @ by[..., None]
         return pictures, rays, Labels(pixels, self.points[chosen], self.headings[chosen], self.doing[chosen])
 
-    def look_once(self, encode: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    def look_once(self, look: Callable[[Tensor, Tensor], tuple[Tensor, Any]]) -> Tensor:
         """Encode every picture and its rays, for good. Returns the features (S * T, F)."""
         with torch.no_grad():
             parts = zip(self._pictures.split(LOOK_AT), self.rays.split(LOOK_AT), strict=True)
-            self._features = torch.cat([encode(*each) for each in parts])
+            self._features = torch.cat([look(*each)[0] for each in parts])
         return self._features
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:

@@ -18,8 +18,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from diffusers.schedulers.scheduling_ddim import DDIMScheduler
-from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -28,10 +26,9 @@ from rf_exp.policy.config import DiffusionConfig
 from rf_exp.policy.foreign.tensors import Checkpoint, Stored
 from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.policy.networks.encoders import ResNet18
-from rf_exp.policy.networks.heads import GROUPS, DiffusionHead, FilmBlock
+from rf_exp.policy.networks.heads import GROUPS, SCHEDULERS, DiffusionHead, FilmBlock
 from rf_exp.texts import printable
 
-SCHEDULERS = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 TOLD, ACTION = "agent_pos", "action"  # what an arm was told last, and what it is told next
 BRIGHTEST = (1.0, 255.0)  # of what a camera's normaliser was made for
@@ -115,12 +112,6 @@ class Settings:
         imagenet, executed = said.of(f"{encoder}.imagenet_norm", bool, False), said.of("n_action_steps", int)
         return Settings(cameras, moments, horizon, executed, imagenet, sampler, told or timesteps, schedule)
 
-    def scheduler(self) -> DDPMScheduler | DDIMScheduler:
-        """The sampler, with its steps as the file says."""
-        made = SCHEDULERS[self.sampler](**self.schedule)
-        made.set_timesteps(self.inference_steps)
-        return made
-
 
 class _Node:
     """The configuration in a file, whose values are looked at before they are used."""
@@ -197,10 +188,7 @@ class ReleasedPolicy(nn.Module):
 
     @torch.inference_mode()
     def act(
-        self,
-        pictures: Mapping[str, NDArray[np.uint8]],
-        told: NDArray[np.float32],
-        generator: torch.Generator,
+        self, pictures: Mapping[str, NDArray[np.uint8]], told: NDArray[np.float32], generator: torch.Generator
     ) -> NDArray[np.float32]:
         """Actions (T, A) from the pictures (O, H, W, 3) of each camera and what its arms were told (O, A).
 
@@ -267,7 +255,8 @@ def read_policy(path: Path, sampler: str | None = None, inference_steps: int | N
     _check(path, {name: each.shape for name, each in policy.state_dict().items()}, renamed)
     policy.load_state_dict(renamed, assign=True)
     try:
-        policy.head.scheduler = settings.scheduler()
+        policy.head.scheduler = SCHEDULERS[settings.sampler](**settings.schedule)
+        policy.head.scheduler.set_timesteps(settings.inference_steps)
     except (NotImplementedError, TypeError, ValueError) as error:
         raise ArgumentError(f"{path}: cfg.policy.noise_scheduler cannot be made: {error}") from error
     return policy.eval()

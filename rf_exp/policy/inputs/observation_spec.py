@@ -116,21 +116,19 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
             "which is not told"
         ) from error
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
-    if not config.encoder.privileged:
-        keyframes = 0
-        if config.encoder.keypoints:  # most changes of a gripper in an episode
-            episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
-            keyframes = max(
-                len(changes(gripper_of(action)[:, agent - 1], widths(qpos)[:, agent - 1]))
-                for action, qpos in episodes
-                for agent in view.agents
-            )
-        return ObservationSpec(bases, (), min(keyframes, CHANGES), subgoals, names, models)
-    if not store.objects:
+    objects, keyframes = store.objects if config.encoder.privileged else (), 0
+    if config.encoder.privileged and not objects:
         raise ArgumentError(
             f"encoder privileged needs the poses of the objects, and {store.path} has none; generate it again"
         )
-    return ObservationSpec(bases, store.objects, subgoals=subgoals, names=names, robots=models)
+    if config.encoder.keypoints:  # most changes of a gripper in an episode
+        episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
+        keyframes = max(
+            len(changes(gripper_of(action)[:, agent - 1], widths(qpos)[:, agent - 1]))
+            for action, qpos in episodes
+            for agent in view.agents
+        )
+    return ObservationSpec(bases, objects, min(keyframes, CHANGES), subgoals, names, models)
 
 
 def _robots(store: "Store") -> tuple[str, ...]:

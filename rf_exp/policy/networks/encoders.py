@@ -1,6 +1,6 @@
-"""Encoders that learn with the head: the paper's ResNet-18 with GroupNorm, a compact one for a CPU, and none.
+"""Encoders that learn with the head: the paper's ResNet-18 with GroupNorm, and a compact one for a CPU.
 
-Neither of the two uses pretrained weights.
+Neither uses pretrained weights.
 """
 
 from typing import Any
@@ -89,10 +89,3 @@ class Compact(_Layers):
         small = layer(3, 8, 4), layer(32, 3, 1), layer(32, 3, 1)
         read = nn.Conv2d(32, 32, 1), SpatialSoftmax(), nn.Linear(64, self.features)
         super().__init__(nn.Sequential(*small, *read))
-
-
-class Privileged(Encoder):
-    """In place of an encoder where no pictures are looked at."""
-
-    def __init__(self, *_: Any) -> None:
-        super().__init__()

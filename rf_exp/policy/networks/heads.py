@@ -35,6 +35,7 @@ from rf_exp.policy.networks.interfaces import Fit, Head, hidden
 
 STEP_SIZE = 128  # width of the embedding of a diffusion step
 GROUPS = 8  # of every GroupNorm, fixed in diffusers' blocks
+SCHEDULERS = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}
 
 
 class RegressionHead(Head):
@@ -195,7 +196,7 @@ class DiffusionHead(Head):
         self.trunk = nn.Sequential(*hidden(sizes))
         self.unet = ConditionalUNet1D(actions, sizes[-1], config.channels, actions if refines else 0)
         # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
-        self.scheduler = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler](
+        self.scheduler = SCHEDULERS[config.sampler](
             config.train_timesteps,
             beta_schedule="squaredcos_cap_v2",
             clip_sample=True,

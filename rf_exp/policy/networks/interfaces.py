@@ -53,10 +53,13 @@ class Encoder(nn.Module):
     """Pictures (B, 3, H, W) in [-1, 1] -> features (B, F).
 
     Made with its configuration, a view and a spec. Who only computes features from pictures sets `features`
-    and overrides `forward`.
+    and overrides `forward`. As it is it looks at nothing.
     """
 
     features = 0  # F; 0: looks at nothing
+
+    def __init__(self, *_: Any) -> None:
+        super().__init__()
 
     @property
     def size(self) -> int:

@@ -160,7 +160,7 @@ class Policy(nn.Module):
     def _settle_encoder(self, examples: Windows, settle: Callable[[], None]) -> None:
         """All pictures are looked at once, for good, and the range of what is seen is known."""
         settle()
-        features = examples.look_once(self.eval().encode_whole)
+        features = examples.look_once(self.eval().look)
         given = self.encoder.conditioning(features[:, None], examples.context[:, None])
         self.normaliser.features.fit(given[:, 0])
         self.train()
@@ -186,10 +186,6 @@ class Policy(nn.Module):
     def encode(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
         """Cropped uint8 pictures (U, h, w, 3), and the rays of their cameras -> features (U, F)."""
         return self.encoder.see(scaled(pictures), rays)[0]
-
-    def encode_whole(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
-        """Features (U, F) alone of what `look` sees."""
-        return self.look(pictures, rays)[0]
 
     def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
         """Features (U, F) of the centres of uint8 pictures (U, H, W, 3), and the points found (U, M, 2)."""
