@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rf_exp.envs.core import METADATA, EpisodeCore, Face, configured, find_task
+from rf_exp.envs.core import METADATA, Face, configured, find_task
 from rf_exp.envs.observations import action_space, space
 from rf_exp.errors import StageError
 from rf_exp.observations import ObservationDict, Observations
@@ -33,15 +33,9 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     metadata = METADATA
 
     def __init__(
-        self,
-        task: str | Path | Task,
-        observations: Observations | None = None,
-        *,
-        render_mode: str | None = None,
-        **options: Any,
+        self, task: str | Path | Task, observations: Observations | None = None, **options: Any
     ) -> None:
-        self.core = EpisodeCore(task, observations, render_mode=render_mode, **options)
-        self.render_mode = render_mode
+        super().__init__(task, observations, **options)
         self.action_space: spaces.Box = action_space(self.task)
         self.observation_space: spaces.Dict = space(self.core.observations, self.task)
 

@@ -195,9 +195,13 @@ class Episode:
 
 
 class Face:
-    """What both faces show of the episodes they stand on."""
+    """What both faces show of the episodes they stand on. Arguments and errors are those of `EpisodeCore`."""
 
-    core: EpisodeCore
+    def __init__(
+        self, task: str | Path | Task, observations: Observations | None = None, **options: Any
+    ) -> None:
+        self.core = EpisodeCore(task, observations, **options)
+        self.render_mode: str | None = options.get("render_mode")
 
     @property
     def task(self) -> Task:

@@ -9,7 +9,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from rf_exp.envs.core import METADATA, EpisodeCore, Face, shaped
+from rf_exp.envs.core import METADATA, Face, shaped
 from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
@@ -29,15 +29,9 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
     """
 
     def __init__(
-        self,
-        task: str | Path | Task,
-        observations: Observations | None = None,
-        *,
-        render_mode: str | None = None,
-        **options: Any,
+        self, task: str | Path | Task, observations: Observations | None = None, **options: Any
     ) -> None:
-        self.core = EpisodeCore(task, observations, render_mode=render_mode, **options)
-        self.render_mode = render_mode
+        super().__init__(task, observations, **options)
         self.metadata = METADATA | {"name": f"rf_exp_{self.task.name}", "is_parallelizable": True}
         numbers = {f"agent{agent}": agent for agent in self.task.agents}
         seen = self.core.observations
