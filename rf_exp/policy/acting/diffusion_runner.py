@@ -217,10 +217,8 @@ class DiffusionRunner(PolicyRunner):
         """Each camera by where it sees the own hands: places of the points of keypoints (S, M, 2)."""
         for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
-            points = placed(
-                footprint_from_tcps(self.spec, self.spec.world_from_base, stream, joints), np.array(HAND)
-            )
-            points = points.reshape(-1, 3)
+            hands = footprint_from_tcps(self.spec, self.spec.world_from_base, stream, joints)
+            points = placed(hands, HAND).reshape(-1, 3)
             first = (self.spec.keyframes + 1) * len(points)
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
                 camera.see(points, seen[first : first + len(points)])

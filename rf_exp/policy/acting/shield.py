@@ -100,10 +100,7 @@ class Lookahead:
         hit = np.zeros(len(steps), dtype=bool)
         for late in range(TRAILS_STEPS + 1):
             for behind in ((late, 0), (0, late)):
-                at = (
-                    self._at(agent, steps - by, agent in waits)
-                    for agent, by in zip(pair, behind, strict=True)
-                )
+                at = (self._at(agent, steps - by, waits) for agent, by in zip(pair, behind, strict=True))
                 hit |= diagram[*at]
         return float(steps[hit.argmax()]) if hit.any() else inf
 
@@ -114,13 +111,9 @@ class Lookahead:
 
     def room_to_slow_down(self, agent: int, waits: Collection[int]) -> bool:
         """Whether the whole next step of an agent is clear of all others, whatever they do soon."""
-        for other in self._task.agents:
-            if other == agent:
-                continue
-            pair = (min(agent, other), max(agent, other))
-            diagram = self.diagram(pair) if agent < other else self.diagram(pair).T
-            end = 3 if other in waits else LOOKAHEAD_STEPS + 2
-            if diagram[1:3, :end].any():
+        for other in {*self._task.agents} - {agent}:
+            diagram = self.diagram((agent, other)) if agent < other else self.diagram((other, agent)).T
+            if diagram[1:3, : 3 if other in waits else LOOKAHEAD_STEPS + 2].any():
                 return False
         return True
 
@@ -140,9 +133,9 @@ class Lookahead:
             self._diagrams[pair] = found
         return self._diagrams[pair]
 
-    def _at(self, agent: int, steps: NDArray[np.int64], waits: bool) -> NDArray[np.int64]:
+    def _at(self, agent: int, steps: NDArray[np.int64], waits: Collection[int]) -> NDArray[np.int64]:
         """Positions on the path of an agent after control steps."""
-        return np.zeros_like(steps) if waits else np.clip(steps, 0, len(self.ahead[agent]) + 1) + 1
+        return np.zeros_like(steps) if agent in waits else np.clip(steps, 0, len(self.ahead[agent]) + 1) + 1
 
     def _body(self, agent: int) -> Swept:
         if agent not in self._swept:
@@ -270,11 +263,8 @@ class Shield:
                         trail.pop()
             elif moved[agent - 1] > 0:
                 trail.append(self._given[agent - 1].copy())
-        self._known = {
-            agent: (rows[1:], scene.held[agent - 1])
-            for agent, rows in lookahead.ahead.items()
-            if agent not in waits
-        }
+        goes_on = lookahead.ahead.keys() - waits
+        self._known = {each: (lookahead.ahead[each][1:], scene.held[each - 1]) for each in goes_on}
         self._given, self._strides_rad = commands, moved
 
     def _moves_on(self, agent: int, other: int | None, lookahead: Lookahead) -> bool:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 # Points of a hand, m in the frame of its TCP: the TCP, and across the fingers' axis where tools work.
-HAND = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
+HAND = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 HEADING = 6  # cosine and sine of one, two and four times the heading of the fingers (a cube has four sides)
 
 
@@ -61,7 +61,7 @@ def keypoints(
         now = *stream.agents, *others(spec, stream)
         columns += [world_from_tcp(spec, bases, agent, qpos) for agent in now]
         hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
-        world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
+        world = placed(hands, HAND).reshape(len(hands), -1, 3)
         footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
         seen = [_placed(_project(world, c), k, len(cameras)) for k, c in enumerate(cameras)]
         pixels.append(np.concatenate(seen, axis=1))
@@ -79,7 +79,7 @@ def keypoints(
 
 def shape_of_hand(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of poses (..., 4, 4): the TCP, in m, the other points of HAND as seen from it, and the heading."""
-    points = placed(footprint_from_tcp, np.array(HAND))
+    points = placed(footprint_from_tcp, HAND)
     points[..., 1:, :] -= points[..., :1, :]
     flat = points.reshape(*points.shape[:-2], -1)
     return np.concatenate([flat, _turns(footprint_from_tcp)], axis=-1)

@@ -276,14 +276,10 @@ def _renamed(policy: ReleasedPolicy, tensors: Mapping[str, Tensor]) -> dict[str,
         elif known := re.fullmatch(r"model\.(.+)", name):
             name = f"head.unet.{_replaced(known[1], _UNET)}"
         (film if ".cond_encoder.1." in name else found)[name] = tensor.float()
-    blocks = [
-        (f"{name}.cond_encoder.1", each)
-        for name, each in policy.named_modules()
-        if isinstance(each, FilmBlock)
-    ]
+    blocks = {each.first: name for name, each in policy.named_modules() if isinstance(each, FilmBlock)}
     for kind in ("weight", "bias"):
-        parts = [film.pop(f"{name}.{kind}", None) for name, _ in sorted(blocks, key=lambda one: one[1].first)]
-        rows = [each for each in parts if each is not None]
+        names = [f"{blocks[first]}.cond_encoder.1.{kind}" for first in sorted(blocks)]
+        rows = [film.pop(name) for name in names if name in film]
         if len({each.shape[1:] for each in rows}) == 1:
             found[f"head.unet.film.{kind}"] = torch.cat(rows)
     return found | film

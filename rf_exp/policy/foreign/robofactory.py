@@ -4,10 +4,10 @@ foreign.factory=rf_exp.policy.foreign.robofactory:checkpoint   its .ckpt files: 
 foreign.factory=rf_exp.policy.foreign.robofactory:submission   an entry's DeployPolicy, which is code
 """
 
-import importlib.util
 import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -121,8 +121,7 @@ def as_maniskill(observation: Mapping[str, Any]) -> dict[str, Any]:
         for row in range(agents)
     ]
     cameras = [key.removeprefix("rgb_") for key in observation if key.startswith("rgb_")]
-    data: dict[str, Any] = {}
-    parameters: dict[str, Any] = {}
+    data, parameters = dict[str, Any](), dict[str, Any]()
     for camera in cameras:
         name = camera_name(camera, agents)
         data[name] = {"rgb": torch.from_numpy(picture(observation, camera, SIZE_PX))[None]}
@@ -174,11 +173,8 @@ def submission(folder: str, checkpoint: str | None = None, observation_steps: in
     if observation_steps < 1:
         raise ArgumentError(f"observation_steps is {observation_steps}; expected at least 1")
     sys.path.insert(0, str(code.parent.resolve()))  # for what lies beside it, as in the challenge
-    spec = importlib.util.spec_from_file_location("deploy_policy", code)
-    assert spec is not None and spec.loader is not None
-    module = sys.modules["deploy_policy"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    made = getattr(module, "DeployPolicy", None)
+    sys.modules.pop("deploy_policy", None)  # another one's
+    made = getattr(import_module("deploy_policy"), "DeployPolicy", None)
     if made is None:
         raise ArgumentError(f"{code} has no class DeployPolicy")
     return Submission(made(str(weights)), observation_steps)

@@ -18,8 +18,8 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.inputs.observation_spec import footprint
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
-from rf_exp.transforms import Matrix, inverse, planar
-from rf_exp.types import Calibration, CameraModel
+from rf_exp.transforms import inverse, planar
+from rf_exp.types import Calibration
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -102,14 +102,14 @@ def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
 def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
     """Where arms and the named cameras stood in each episode of a store. Raises as `usual_calibration`."""
     usual, found = usual_calibration(store, names), []
+    size_px = store.attrs["width"], store.attrs["height"]
     for certificate in store.certificates:
         stands = usual
         if (said := certificate.get("calibration")) is not None:
-            seen = {name: said["cameras"][name] for name in names}
-            cameras = {
-                name: _camera(store, each["fov_deg"], np.array(each["parent_from_camera"]))
-                for name, each in seen.items()
-            }
+            cameras = {}
+            for name in names:
+                pose, lens = (said["cameras"][name][key] for key in ("parent_from_camera", "fov_deg"))
+                cameras[name] = CameraSpec(fov_deg=lens).model(np.array(pose), size_px)
             stands = Calibration(tuple(map(np.array, said["world_from_base"])), cameras)
         found.append(stands)
     return found
@@ -134,9 +134,6 @@ def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
             raise ArgumentError(
                 f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
             )
-    cameras = {name: _camera(store, spec.fov_deg, spec.world_from_camera) for name, spec in specs.items()}
+    size_px = store.attrs["width"], store.attrs["height"]
+    cameras = {name: spec.model(spec.world_from_camera, size_px) for name, spec in specs.items()}
     return Calibration(bases, cameras)
-
-
-def _camera(store: "Store", fov_deg: float, pose: Matrix) -> CameraModel:
-    return CameraModel(store.attrs["width"], store.attrs["height"], float(np.deg2rad(fov_deg)), pose)
