@@ -14,7 +14,8 @@ from websockets.sync.client import ClientConnection, connect
 from ..texts import printable
 from .wire import LARGEST, pack, unpack
 
-LEAVE_S = 1.0  # how long a server may take to say goodbye
+# A server has a second to say goodbye. One that computes in its event loop cannot answer pings.
+TERMS: dict[str, Any] = {"close_timeout": 1, "compression": None, "max_size": LARGEST, "ping_interval": None}
 KEYS, LAST = 5, 2000  # of an answer without actions that are repeated; characters at the end of an error
 
 
@@ -32,16 +33,8 @@ class Connection:
         self._server, self._answer_s, self._open = server, answer_s, ExitStack()
         self._seed: int | None = None  # of an episode that has not begun yet
         try:
-            self._socket: ClientConnection = self._open.enter_context(
-                connect(
-                    server,
-                    open_timeout=connect_s,
-                    close_timeout=LEAVE_S,
-                    compression=None,
-                    max_size=LARGEST,
-                    ping_interval=None,  # who computes in the event loop of a server cannot answer them
-                )
-            )
+            asked = connect(server, open_timeout=connect_s, **TERMS)
+            self._socket: ClientConnection = self._open.enter_context(asked)
         except TimeoutError as error:
             raise self._failed(f"does not answer within {connect_s:g} s ({self.LIMITS[0]})") from error
         except (InvalidHandshake, InvalidURI) as error:

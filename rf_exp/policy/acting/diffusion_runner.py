@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rf_exp.errors import StageError
-from rf_exp.observations import Declaration, Observation
+from rf_exp.observations import Coordination, Declaration, Observation
 from rf_exp.policy.acting.rollouts import PolicyRunner
 from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
 from rf_exp.policy.acting.shield import Decision
@@ -37,7 +37,6 @@ from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
 SAME_SCENE = 0.03  # predicted probabilities that differ by less are of a scene in which nothing changes
-Phase = tuple[NDArray[np.int64], NDArray[np.bool_]]  # (n,) numbers of subgoals, (n,) who may go on
 
 
 class TransitionIntegrator:
@@ -54,7 +53,7 @@ class TransitionIntegrator:
         self._bound = bound
         self._last = self._sums = np.zeros(())  # (n, K + 1) of the last prediction, since something changed
 
-    def __call__(self, probabilities: NDArray[np.float64]) -> Phase:
+    def __call__(self, probabilities: NDArray[np.float64]) -> Coordination:
         """From probabilities (n, K + 1) of each of K subgoals and, last, of going on, for each of n agents.
 
         Who goes on because the sum reaches the bound is at a later subgoal than the most likely one, if

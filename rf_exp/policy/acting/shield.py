@@ -54,7 +54,8 @@ SLOWING_RAD_S2 = 7.5  # what makers allow the slowest joint of an arm
 TRAILS_STEPS = 2  # a measured arm trails its commands by 0.1 s: damping over stiffness of its drives
 LOOKAHEAD_STEPS = 10  # a violation that is farther off is no reason to wait yet
 CLOSER_M = 1e-4  # arms that lack the margin already may not come closer than they are by more than this
-Commands = NDArray[np.float64]  # (T, 8) rad, gripper command
+Floats = NDArray[np.float64]
+Commands = Floats  # (T, 8) rad, gripper command
 Pair = tuple[int, int]  # agents i < j
 
 
@@ -62,7 +63,7 @@ Pair = tuple[int, int]  # agents i < j
 class Decision:
     """What a shield lets the arms do in a control step."""
 
-    commands: NDArray[np.float64]  # (N, 8)
+    commands: Floats  # (N, 8)
     withheld: Mapping[int, str] = field(default_factory=dict)  # agent -> why it was kept from its command
     anew: frozenset[int] = frozenset()  # agents that are to predict anew at the next step
 
@@ -75,9 +76,7 @@ class Lookahead:
     until then it holds them.
     """
 
-    def __init__(
-        self, task: Task, scene: Scene, given: NDArray[np.float64], ahead: Mapping[int, Commands]
-    ) -> None:
+    def __init__(self, task: Task, scene: Scene, given: Floats, ahead: Mapping[int, Commands]) -> None:
         self.ahead = ahead
         self._task, self._scene, self._given = task, scene, given
         self._planning_scene = PlanningScene(task, scene)
@@ -173,7 +172,7 @@ class Shield:
         self._known: dict[int, tuple[Commands, str | None]] = {}  # agent -> what is left to do, and its load
         self._meet: dict[Pair, float] = {}  # control steps until two meet that go on with that
         self._waited = dict.fromkeys(task.agents, 0)  # control steps; going on pays them back
-        self._trails = {agent: deque[NDArray[np.float64]](maxlen=BACK_STEPS) for agent in task.agents}
+        self._trails = {agent: deque[Floats](maxlen=BACK_STEPS) for agent in task.agents}
         self._back: dict[int, Commands] = {}  # agent -> its way back that is left
         self._last_back: int | None = None  # who retracted last: two take turns
 
@@ -250,9 +249,7 @@ class Shield:
             return 0.0
         return min(left_rad / step_rad, 1.0)
 
-    def _remember(
-        self, scene: Scene, lookahead: Lookahead, commands: NDArray[np.float64], waits: Collection[int]
-    ) -> None:
+    def _remember(self, scene: Scene, lookahead: Lookahead, commands: Floats, waits: Collection[int]) -> None:
         moved = np.abs(commands - self._given)[:, :ARM_JOINTS].max(axis=1)
         for agent in self._task.agents:
             trail = self._trails[agent]

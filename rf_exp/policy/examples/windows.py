@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 LOOK_AT = 256  # pictures at a time
+Indices = NDArray[np.int64]
 
 
 def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
@@ -108,9 +109,7 @@ class _Meant:
         self._steps = np.flatnonzero(~hesitates)
         self._next = np.searchsorted(self._steps, np.arange(len(hesitates)))  # for each step, that or a later
 
-    def rows(
-        self, ahead: NDArray[np.int64], first: NDArray[np.int64], last: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
+    def rows(self, ahead: Indices, first: Indices, last: Indices) -> Indices:
         """(B, T) consecutive steps from `ahead[:, 0]` on, in episodes from `first` (B, 1) to `last`."""
         start = np.clip(ahead[:, :1], first, last)
         at = self._next[start] + ahead - start
@@ -216,10 +215,8 @@ class Windows:
         # Windows in which an own agent may go on.
         self.active = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
         late = np.concatenate([hesitates(*each[1:]) for each in by_episode(store)])[kept]
-        self._meant = [  # of each agent of a stream
-            _Meant(np.concatenate([late[:, agents[row]] for agents in columns]))
-            for row in range(len(columns[0]))
-        ]
+        stays = (np.concatenate([late[:, row] for row in rows]) for rows in zip(*columns, strict=True))
+        self._meant = [*map(_Meant, stays)]  # of each agent of a stream
         self._starts = Starts(store, view, spec, kept) if config.start_offset_rad else None
         self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
@@ -240,7 +237,7 @@ class Windows:
         origin = action_origin(self.proprio[:, None], context)
         return (actions - origin).flatten(0, 1)
 
-    def _actions(self, windows: NDArray[np.int64]) -> Tensor:
+    def _actions(self, windows: Indices) -> Tensor:
         """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
         found = [self.action[self._index(steps)] for steps in self._ahead(windows)]
         if len(found) == 1:
@@ -252,7 +249,7 @@ class Windows:
             joined += [each.chunk(len(found), dim=2)[row] for row, each in enumerate(part)]
         return torch.cat(joined, dim=2)
 
-    def _ahead(self, windows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    def _ahead(self, windows: Indices) -> list[Indices]:
         """Of each own agent the steps (B, T) whose actions windows (B,) have."""
         first, last = self._first[windows, None], self._last[windows, None]
         ahead = windows[:, None] + np.arange(self._config.horizon) - (self._config.observation_steps - 1)
@@ -262,16 +259,16 @@ class Windows:
         """Number of batches of an epoch."""
         return -(-len(self) // batch_size)
 
-    def epoch(self, batch_size: int, run_length: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:
+    def epoch(self, batch_size: int, run_length: int, rng: np.random.Generator) -> list[Indices]:
         """Window indices of each batch of an epoch: shuffled runs; sizes differ by at most one."""
-        runs: list[NDArray[np.int64]] = []
+        runs: list[Indices] = []
         for start, end in self._spans:  # cut at a random phase
             cuts = np.arange(start + rng.integers(1, run_length + 1), end, run_length)
             runs += np.split(np.arange(start, end), cuts - start)
         order = np.concatenate([runs[k] for k in rng.permutation(len(runs))])
         return np.array_split(order, self.batches(batch_size))
 
-    def batch(self, windows: NDArray[np.int64], rng: np.random.Generator | None) -> Batch:
+    def batch(self, windows: Indices, rng: np.random.Generator | None) -> Batch:
         """The batch of window indices (B,). With `rng` every run has its own random crop, else the centre's.
 
         Frames of one run share a crop, so that what moves between them has moved in the world.
@@ -309,12 +306,7 @@ class Windows:
         return self._started(self._starts, batch, frames, windows, rng)
 
     def _started(
-        self,
-        starts: Starts,
-        batch: Batch,
-        frames: NDArray[np.int64],
-        windows: NDArray[np.int64],
-        rng: np.random.Generator,
+        self, starts: Starts, batch: Batch, frames: Indices, windows: Indices, rng: np.random.Generator
     ) -> Batch:
         """The batch as if its arms had started elsewhere: one draw for a window and an own agent."""
         agents = len(self._meant)
@@ -339,8 +331,8 @@ class Windows:
         return replace(batch, proprio=proprio, context=context, action=action, hands=hands)
 
     def sample_active(
-        self, windows: NDArray[np.int64], part: float, rng: np.random.Generator
-    ) -> tuple[NDArray[np.int64], Tensor]:
+        self, windows: Indices, part: float, rng: np.random.Generator
+    ) -> tuple[Indices, Tensor]:
         """Windows (B,), that part of them replaced by some in which an own agent may go on.
 
         And how much each of them counts (B,), where what is learned is how often something is so.
@@ -356,7 +348,7 @@ class Windows:
         return chosen, torch.from_numpy(weights.astype(np.float32)).to(self._device)
 
     def labelled(
-        self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None
+        self, windows: Indices, shift_px: int = 0, rng: np.random.Generator | None = None
     ) -> tuple[Tensor, Tensor, Labels]:
         """The newest pictures (B, H, W, 3) of windows, the rays of their cameras, and what is to be seen.
 
@@ -382,5 +374,5 @@ class Windows:
             self._features = torch.cat([look(*each)[0] for each in parts])
         return self._features
 
-    def _index(self, values: NDArray[np.int64]) -> Tensor:
+    def _index(self, values: Indices) -> Tensor:
         return torch.from_numpy(values).to(self._device)

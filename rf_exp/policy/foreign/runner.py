@@ -68,7 +68,11 @@ class ForeignRunner(PolicyRunner):
     def predict(self, observation: Observation) -> NDArray[np.float64]:
         """The chunk (T, agents, 8) of the policy, checked, and clipped to the limits of the joints."""
         with self._blames(observation):
-            chunk = checked(self._policy.act(self._shown(observation)), len(self.view.agents))
+            answer = self._policy.act(self._shown(observation))
+            try:
+                chunk = client.checked(answer, len(self.view.agents))
+            except ValueError as error:
+                raise StageError(*error.args) from error
         return chunk[: self._spec.action_steps].clip(self._low, self._high)
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
@@ -100,14 +104,6 @@ class ForeignRunner(PolicyRunner):
             raise StageError(where + str(error)) from error
         except Exception as error:  # whatever a policy raises
             raise StageError(f"{where}it raised {type(error).__name__}: {error}") from error
-
-
-def checked(answer: object, agents: int) -> NDArray[np.float64]:
-    """What a policy gave, as a chunk (T, agents, 8). Raises StageError for anything else."""
-    try:
-        return client.checked(answer, agents)
-    except ValueError as error:
-        raise StageError(*error.args) from error
 
 
 def foreign_runners(spec: Foreign, fastest_rad: float, task: Task) -> tuple[PolicyRunner, ...]:

@@ -29,7 +29,8 @@ from rf_exp.types import ARM_JOINTS, fingers_of, gripper_of
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
-Array = TypeVar("Array", Tensor, NDArray[np.floating])
+Floats = NDArray[np.floating]
+Array = TypeVar("Array", Tensor, Floats)
 
 NEAR_M = 0.1  # from a hand to what it is near to
 MOST_OBJECTS, MOST_SUBGOALS = 256, 256  # of a task, of an agent; more are none that anybody has
@@ -155,7 +156,7 @@ class Memory:
         self.changes = np.zeros(agents, dtype=int)  # (N,)
         self._since = np.full(agents, RECENT_STEPS)
 
-    def told(self, grippers: Mapping[int, float], widths: NDArray[np.floating]) -> None:
+    def told(self, grippers: Mapping[int, float], widths: Floats) -> None:
         """The commands of one control step, of those agents whose commands are known.
 
         `widths` (N,) is how far apart the fingers of each were measured before it, in m.
@@ -175,7 +176,7 @@ class Memory:
         return np.column_stack([count, self._since / RECENT_STEPS])
 
 
-def remembered(grippers: NDArray[np.floating], widths: NDArray[np.floating]) -> NDArray[np.float32]:
+def remembered(grippers: Floats, widths: Floats) -> NDArray[np.float32]:
     """The memory (T, N, MEMORY) before each step of an episode with commands and widths in m, (T, N) each."""
     memory, rows = Memory(grippers.shape[1]), []
     for commands, apart in zip(grippers, widths, strict=True):
@@ -184,7 +185,7 @@ def remembered(grippers: NDArray[np.floating], widths: NDArray[np.floating]) -> 
     return np.array(rows, np.float32)
 
 
-def changes(gripper: NDArray[np.floating], width: NDArray[np.floating]) -> NDArray[np.int64]:
+def changes(gripper: Floats, width: Floats) -> NDArray[np.int64]:
     """The steps in which a gripper changes for good, by its commands and widths in m, (T,) each."""
     found: list[int] = []
     for step in np.flatnonzero(np.diff(gripper > 0, prepend=True)):
@@ -195,12 +196,12 @@ def changes(gripper: NDArray[np.floating], width: NDArray[np.floating]) -> NDArr
     return np.array(found, np.int64)
 
 
-def widths(qpos: NDArray[np.floating]) -> NDArray[np.floating]:
+def widths(qpos: Floats) -> Floats:
     """How far apart the fingers are, in m: measured joints (..., N, D) -> (..., N)."""
     return fingers_of(qpos).sum(axis=-1)
 
 
-def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
+def proprioception(qpos: Floats) -> NDArray[np.float32]:
     """Measured joint positions (..., N, 9) -> (..., 8N): seven joints (rad) and the opening (m) an agent.
 
     Both fingers of the gripper keep the same width (paper, supplementary), so their sum says it all.
@@ -213,9 +214,9 @@ def context(
     spec: ObservationSpec,
     view: View,
     row: int,
-    qpos: NDArray[np.floating],
-    poses: Mapping[str, NDArray[np.floating]],
-    memory: NDArray[np.floating],
+    qpos: Floats,
+    poses: Mapping[str, Floats],
+    memory: Floats,
     bases: Sequence[Matrix],
 ) -> NDArray[np.float32]:
     """The context (..., C) of stream `row` of a view, where the bases (4, 4) of all arms stand so.
@@ -226,10 +227,10 @@ def context(
     """
     if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
-    stream, parts = view.streams[row], list[NDArray[np.floating]]()
+    stream, parts = view.streams[row], list[Floats]()
     footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
 
-    def hand_of(agent: int) -> NDArray[np.floating]:
+    def hand_of(agent: int) -> Floats:
         return flat_pose(footprint_from_world @ world_from_tcp(spec, bases, agent, qpos))
 
     hands = [hand_of(agent) for agent in stream.agents]
@@ -253,15 +254,13 @@ def footprint(world_from_base: Matrix) -> Matrix:
     return below
 
 
-def tcp_poses(
-    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
-) -> NDArray[np.floating]:
+def tcp_poses(spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: Floats) -> Floats:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
     return flat_pose(footprint_from_tcps(spec, bases, stream, joints))
 
 
 def footprint_from_tcps(
-    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
+    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: Floats
 ) -> NDArray[np.float64]:
     """The same as matrices (..., n, 4, 4)."""
     footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
@@ -283,13 +282,13 @@ def near(offset_m: Array) -> Array:
 
 
 def world_from_tcp(
-    spec: ObservationSpec, bases: Sequence[Matrix], agent: int, qpos: NDArray[np.floating]
+    spec: ObservationSpec, bases: Sequence[Matrix], agent: int, qpos: Floats
 ) -> NDArray[np.float64]:
     """(..., 4, 4) of an agent: bases (4, 4) and joints of all agents (..., N, 7 or more), in the world."""
     return bases[agent - 1] @ spec.robot(agent).tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
-def flat_pose(poses: NDArray[np.floating]) -> NDArray[np.floating]:
+def flat_pose(poses: Floats) -> Floats:
     """(..., 4, 4) -> (..., POSE)."""
     axes = poses[..., :3, :2].swapaxes(-1, -2).reshape(*poses.shape[:-2], 6)
     return np.concatenate([poses[..., :3, 3], axes], axis=-1)

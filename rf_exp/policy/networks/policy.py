@@ -136,20 +136,14 @@ class Policy(nn.Module):
         for number, fit in enumerate(fit for fit in self.head.fits() if fit.steps != 0):
             beside = self.transitions if number == 0 else None
             parts = [*fit.parts, *([beside] if beside else []), *joined]
-            found.append(replace(fit, parts=parts, loss=partial(self._loss, examples, fit.loss, beside)))
+            found.append(replace(fit, parts=parts, loss=partial(self._loss, examples, fit, beside)))
         return found
 
-    def _loss(
-        self,
-        examples: Windows,
-        of_head: Callable[..., Tensor],
-        beside: TransitionPredictor | None,
-        draw: Draw,
-    ) -> Tensor:
-        """What the head learns from a draw, and the predictor of transitions beside it."""
+    def _loss(self, examples: Windows, fit: Fit, beside: TransitionPredictor | None, draw: Draw) -> Tensor:
+        """What a fit of the head learns from a draw, and the predictor of transitions beside it."""
         batch = examples.batch(draw.windows, draw.rng)
         targets = self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
-        loss = of_head(self._observed(batch, draw.generator), targets, draw.generator)
+        loss = fit.loss(self._observed(batch, draw.generator), targets, draw.generator)
         if loss.dim():
             raise self._wrong_head(f"gives a loss of shape {tuple(loss.shape)}; expected one number")
         if beside is None:
