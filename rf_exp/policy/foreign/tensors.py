@@ -120,15 +120,6 @@ class _Inert:
         pass
 
 
-class _Storage(_Inert):
-    """Names the type of a tensor's numbers."""
-
-
-def _encoded(text: str, _: str) -> bytes:
-    """Bytes, as the oldest pickles hold them."""
-    return text.encode("latin1")
-
-
 def _tensor(storage: tuple[torch.dtype, str, int], offset: Any, size: Any, stride: Any, *_: object) -> Stored:
     dtype, key, items = storage
     numbers = [items, offset, *size, *stride]
@@ -138,40 +129,29 @@ def _tensor(storage: tuple[torch.dtype, str, int], offset: Any, size: Any, strid
     return Stored(key, dtype, items, offset, tuple(size), tuple(stride))
 
 
-def _mapping(*_: object) -> dict[Any, Any]:
-    """An empty one, whatever it would make of keys that it lacks."""
-    return {}
-
-
-def _parameter(data: Stored, *_: object) -> Stored:
-    return data
-
-
 # What a file may name, in its words, and what stands in for it.
 _PLAIN = ("dict", "list", "tuple", "set", "int", "long", "float", "str", "bool", "bytes")
+_NODES = ("Any", "Integer", "Float", "Boolean", "String")
 _NAMED: dict[tuple[str, str], Any] = {
     ("collections", "OrderedDict"): OrderedDict,
-    ("collections", "defaultdict"): _mapping,
+    ("collections", "defaultdict"): lambda *_: {},  # empty, whatever it would make of keys that it lacks
     ("typing", "Any"): _Inert,
-    ("_codecs", "encode"): _encoded,
+    ("_codecs", "encode"): lambda text, _: text.encode("latin1"),  # bytes, as the oldest pickles hold them
+    **{("torch", name): type(name, (_Inert,), {"dtype": dtype}) for name, dtype in DTYPES.items()},
     ("torch._utils", "_rebuild_tensor_v2"): _tensor,
-    ("torch._utils", "_rebuild_parameter"): _parameter,
+    ("torch._utils", "_rebuild_parameter"): lambda data, *_: data,
     ("omegaconf.dictconfig", "DictConfig"): _Inert,
     ("omegaconf.listconfig", "ListConfig"): _Inert,
     ("omegaconf.base", "Metadata"): _Inert,
     ("omegaconf.base", "ContainerMetadata"): _Inert,
-    **{
-        ("omegaconf.nodes", f"{kind}Node"): _Inert
-        for kind in ("Any", "Integer", "Float", "Boolean", "String")
-    },
+    **{("omegaconf.nodes", f"{kind}Node"): _Inert for kind in _NODES},
     **{(module, "_load_type"): _Inert for module in ("dill._dill", "dill.dill")},  # how dill names a type
     **{(module, kind): _Inert for module in ("builtins", "__builtin__") for kind in _PLAIN},
 }
-_STORAGES = {name: type(name, (_Storage,), {"dtype": dtype}) for name, dtype in DTYPES.items()}
 
 
 class _Restricted(pickle.Unpickler):
-    """Reads what `_NAMED` and storages are enough for, and refuses everything else by its name."""
+    """Reads what `_NAMED` is enough for, and refuses everything else by its name."""
 
     def __init__(self, path: Path, data: bytes) -> None:
         super().__init__(BytesIO(data))
@@ -179,9 +159,7 @@ class _Restricted(pickle.Unpickler):
 
     def find_class(self, module_name: str, global_name: str) -> Any:
         """What stands in for a name. Raises ArgumentError for any other one: that would be code."""
-        found = _STORAGES.get(global_name) if module_name == "torch" else None
-        found = found or _NAMED.get((module_name, global_name))
-        if found is None:
+        if (found := _NAMED.get((module_name, global_name))) is None:
             name = printable(f"{module_name}.{global_name}", 200)
             raise ArgumentError(
                 f"{self._path} names {name}, which is code that is run where such files are read as pickles; "
