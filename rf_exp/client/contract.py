@@ -90,7 +90,12 @@ class Contract:
             (known, "intrinsics", eyes, (3, 3), "float32", "pixels from camera coordinates"),
             (self.language, "language", alone, (), "str", "the task in words"),
         )
-        return {key + end: Entry(*holds) for there, key, ends, *holds in listed if there for end in ends}
+        return {
+            key + end: Entry(shape, dtype, holds)
+            for there, key, ends, shape, dtype, holds in listed
+            if there
+            for end in ends
+        }
 
     def made_up(self, seed: int = 0) -> dict[str, Any]:
         """An observation of the right keys, shapes and types: arms near their rest, pictures of noise."""
