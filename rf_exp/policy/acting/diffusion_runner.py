@@ -318,11 +318,9 @@ class DiffusionRunner(PolicyRunner):
         return commands
 
 
-def load_runners(
-    folder: Path, device: str = "auto", acting: PolicyConfig | None = None
-) -> tuple[DiffusionRunner, ...]:
+def load_runners(folder: Path, acting: PolicyConfig | None = None) -> tuple[DiffusionRunner, ...]:
     """The runners of an architecture: one for each policy in a subfolder of `folder`, see `load_policy`."""
     found = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
     if not found:
         raise StageError(f"no trained policies in {folder}; train them first (stages=[train])")
-    return tuple(DiffusionRunner(*load_policy(path, device, acting)) for path in found)
+    return tuple(DiffusionRunner(*load_policy(path, acting=acting)) for path in found)

@@ -54,7 +54,7 @@ class Normaliser(nn.Module):
 
     fastest: Tensor  # (A,) largest change of each action between two control steps of a demonstration
 
-    def __init__(self, proprio_size: int, action_size: int, context_size: int = 0, features: int = 0) -> None:
+    def __init__(self, proprio_size: int, action_size: int, context_size: int, features: int) -> None:
         super().__init__()
         self.proprio, self.action = Range(proprio_size), Range(action_size)
         self.context, self.features = Range(context_size), Range(features)
