@@ -214,7 +214,8 @@ def rollout(
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
     action[:, ARM_JOINTS] = GRIPPER_OPEN
-    ledger, success_paper, first = Ledger(), False, dict[tuple[int, ...], Violation]()  # of some agents
+    ledger, success_paper = Ledger(), False
+    first: dict[tuple[int, ...], Violation] = {}  # agents -> their first violation
     steps = violations = interventions = 0  # control steps
     while steps < step_limit and not (ledger.success or protective_stop(scene)):
         declared = [_declared(world, runner) for runner in runners]
