@@ -53,9 +53,8 @@ class CameraEstimate:
             return np.concatenate([misses.ravel(), moved])
 
         # A hand that is mistaken for something else is far off, and counts for little.
-        self._moved = least_squares(
-            off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST_EVALUATIONS
-        ).x
+        fit = least_squares(off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST_EVALUATIONS)
+        self._moved = fit.x
 
     def _rays(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
         turn, shift, (wider,) = np.split(PRIOR_STD * moved, (3, 6))

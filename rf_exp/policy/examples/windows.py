@@ -292,15 +292,9 @@ class Windows:
             if rng is not None:
                 corners = rng.integers(0, slack + 1, size=corners.shape)
             seen = crop(seen, unique, corners[run_of_frame], size)
-        batch = Batch(
-            seen,
-            rays,
-            self._index(inverse.reshape(frames.shape)),
-            self.proprio[self._index(frames)],
-            self.context[self._index(frames)],
-            self._actions(windows),
-            features,
-        )
+        chosen, places = self._index(frames), self._index(inverse.reshape(frames.shape))
+        told = self.proprio[chosen], self.context[chosen], self._actions(windows)
+        batch = Batch(seen, rays, places, *told, features)
         if self._starts is None or rng is None:
             return batch
         return self._started(self._starts, batch, frames, windows, rng)

@@ -143,11 +143,8 @@ def _camera(said: _Node, name: str) -> Camera:
     if isinstance(crop, Mapping):
         crop = crop.get(name)
     sizes = [*shape, *(crop or [])]
-    if (
-        len(shape) != 3
-        or len(sizes) not in (3, 5)
-        or not all(type(n) is int and 0 < n <= MOST for n in sizes)
-    ):
+    fits = all(type(size) is int and 0 < size <= MOST for size in sizes)
+    if len(shape) != 3 or len(sizes) not in (3, 5) or not fits:
         raise said.refused(key, "three numbers of pixels, and two in crop_shape")
     height, width = shape[1:] if shape[0] == CHANNELS else shape[:2]
     return Camera(height, width, None if crop is None else (crop[0], crop[1]))

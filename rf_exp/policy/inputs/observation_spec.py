@@ -86,11 +86,8 @@ class ObservationSpec:
             return 0
         own = len(view.streams[0].agents)
         truth = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * (POSE + 3 * own)
-        return (
-            own * (POSE + MEMORY + self.phase_size)
-            + (truth if self.objects else 0)
-            + len(view.streams) * (len(view.streams) > 1)
-        )
+        which = len(view.streams) if len(view.streams) > 1 else 0
+        return own * (POSE + MEMORY + self.phase_size) + (truth if self.objects else 0) + which
 
     @property
     def phase_size(self) -> int:
