@@ -29,7 +29,7 @@ from rf_exp.artifacts import digest, write_json
 from rf_exp.datagen import GENERATOR, EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec, to_json
 from rf_exp.sim import Simulator
-from rf_exp.tasks import Task
+from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.types import CONTROL_HZ, ConstraintSet, Scene
 from tests.conftest import CONF, TASKS, read_task
 from tests.scenes import start_scene
@@ -57,11 +57,9 @@ class Watching(NullObserver):
 
     def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, Any]) -> None:
         self._scenes.append(scene)
-        judged = (scene, self._scenes[0], self._task)
         self._steps.append([x.astype(np.float32) for x in (scene.qpos, scene.qvel, action)])
-        conditions = self._task.module.conditions(*judged)
-        holding = {name: bool(holds) for name, holds in conditions.items()}
-        self._judged.append([holding, bool(self._task.module.paper(*judged))])
+        verdict = SuccessEvaluator(self._task, self._scenes[0])(scene)
+        self._judged.append([verdict.evidence, verdict.success_paper])
 
     def digests(self) -> dict[str, str]:
         """`bytes` has one for each second, so that an episode that only ends at another time shows."""

@@ -4,10 +4,11 @@ from math import dist
 
 from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import holders, near, on, on_goal, released, set_down
+from rf_exp.tasks.predicates import holders, near, on, released
+from rf_exp.tasks.shared import stacking
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Scene, Subgoal
+from rf_exp.types import Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -26,7 +27,8 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Both cubes are passed on; the red one comes down once the blue one lies on the goal."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    for (cube, agents), there in zip(LANES.items(), _stacked(scene, task), strict=True):
+    standing = stacking.standing(scene, task, [*LANES])
+    for (cube, agents), there in zip(LANES.items(), standing, strict=True):
         if there and released(scene, [cube]) and not subgoals:
             continue
         giver, taker = agents
@@ -50,16 +52,7 @@ def _with_giver(scene: Scene, task: Task, cube: str) -> bool:
     return dist(here, bases[0]) < dist(here, bases[1])
 
 
-def _stacked(scene: Scene, task: Task) -> tuple[Condition, Condition]:
-    """Whether the blue cube lies on the goal, and the red one on it."""
-    limits = task.success
-    return on_goal(scene, "blue", "goal", limits), on(scene, task, "red", "blue", limits["beside_m"])
-
-
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Blue on the goal, red on blue, both level, let go by everybody and at rest."""
-    there, on_blue = _stacked(scene, task)
-    return {"blue on the goal": there, "red on blue": on_blue, **set_down(scene, LANES, task.success)}
+conditions = stacking.conditions_of_two
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:

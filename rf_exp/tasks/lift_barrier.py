@@ -1,6 +1,6 @@
 """Lift Barrier: two arms grasp both ends of a long barrier and lift it level."""
 
-from rf_exp.statements import ContactAt, Direction, Proposal, SameHeight, Together, keep_clear
+from rf_exp.statements import Proposal, SameHeight, Together, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import height_m, holders, raised, risen_m
 from rf_exp.types import Condition, Scene, Subgoal
@@ -18,15 +18,8 @@ def plan(scene: Scene, task: Task) -> Proposal:
         return Proposal((), ())
     spatial = keep_clear(task.agents)
     if len(holders(scene, "barrier")) < len(task.agents):
-        return Proposal(
-            tuple(Subgoal(agent, "grasp", "barrier", point) for agent, point in GRIPS.items()),
-            (
-                *(ContactAt(agent, "grasp", "barrier", point) for agent, point in GRIPS.items()),
-                *(Direction(agent, "barrier") for agent in GRIPS),
-                Together((1, 2), "grasp", "barrier", 2.0),
-                *spatial,
-            ),
-        )
+        grasps = tuple(Subgoal(agent, "grasp", "barrier", point) for agent, point in GRIPS.items())
+        return Proposal(grasps, (*grasping(grasps), Together((1, 2), "grasp", "barrier", 2.0), *spatial))
     return Proposal(
         tuple(Subgoal(agent, "lift", "barrier", height_m=LIFT_M) for agent in GRIPS),
         (SameHeight((1, 2)), Together((1, 2), "lift", "barrier"), *spatial),
@@ -35,10 +28,8 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Both arms hold the barrier, it is up, level and at rest."""
-    return {
-        "held by both arms": holders(scene, "barrier") == task.agents,
-        **raised(scene, start, "barrier", task.success),
-    }
+    held = holders(scene, "barrier") == task.agents
+    return {"held by both arms": held, **raised(scene, start, "barrier", task.success)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:

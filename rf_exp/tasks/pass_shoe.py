@@ -2,7 +2,7 @@
 
 from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import distance_xy_m
+from rf_exp.tasks.predicates import near
 from rf_exp.tasks.shared import shoe_on_goal
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
@@ -25,8 +25,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     give, take = fetch(GIVER, "shoe", "midway"), fetch(TAKER, "shoe", "goal", "middle")
-    passed = distance_xy_m(scene.poses["shoe"], task.places(scene)["midway"]) < task.success["goal_m"]
-    if passed or scene.held[TAKER - 1]:
+    if near(scene, "shoe", task.places(scene)["midway"], task.success["goal_m"]) or scene.held[TAKER - 1]:
         return Proposal(tuple(take), (*grasping(take), *keep_clear(task.agents)))
     order = in_turn(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe"))
     return Proposal((*give, *take), (*grasping(give + take), *order, *keep_clear(task.agents)))

@@ -2,21 +2,9 @@
 
 from math import hypot
 
-from rf_exp.statements import ContactAt, Direction, Proposal, Statement, Step, keep_clear
+from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import (
-    above,
-    below,
-    distance_xy_m,
-    every,
-    height_m,
-    holders,
-    near,
-    released,
-    still,
-    tilt_deg,
-    upright,
-)
+from rf_exp.tasks.predicates import above, at_rest, below, every, height_m, holders, near, upright
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import Condition, Scene, Subgoal
@@ -40,19 +28,14 @@ def plan(scene: Scene, task: Task) -> Proposal:
         return Proposal((), ())
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    if not (holders(scene, "cup") == (HOLDER,) and _between(scene, task)):
-        hold_out = Subgoal(HOLDER, "carry", "cup", target="between", height_m=LIFT_M)
-        subgoals += [Subgoal(HOLDER, "grasp", "cup", "stem"), hold_out]
-        constraints += [ContactAt(HOLDER, "grasp", "cup", "stem"), Direction(HOLDER, "cup")]
+    between = near(scene, "cup", task.places(scene)["between"], task.success["between_m"])
+    if not (holders(scene, "cup") == (HOLDER,) and between):
+        subgoals.append(Subgoal(HOLDER, "grasp", "cup", "stem"))
+        constraints += grasping(subgoals)
+        subgoals.append(Subgoal(HOLDER, "carry", "cup", target="between", height_m=LIFT_M))
         constraints += in_turn(Step(HOLDER, "carry", "cup"), Step(GIVER, "place", "cube"))
-    subgoals += fetch(GIVER, "cube", "cup", "inside")
-    constraints += [ContactAt(GIVER, "grasp", "cube", "center"), Direction(GIVER, "cube")]
-    return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
-
-
-def _between(scene: Scene, task: Task) -> Condition:
-    off_m = distance_xy_m(scene.poses["cup"], task.places(scene)["between"])
-    return below(off_m, task.success["between_m"], "m")
+    drop = fetch(GIVER, "cube", "cup", "inside")
+    return Proposal((*subgoals, *drop), (*constraints, *grasping(drop), *keep_clear(task.agents)))
 
 
 def _inside(scene: Scene, task: Task) -> Condition:
@@ -73,8 +56,8 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
         "cube inside the cup": _inside(scene, task),
         "cup held or standing": held == (HOLDER,) or (not held and stands),
         "cup upright": upright(scene, "cup", limits["upright_deg"]),
-        "cube released": released(scene, ["cube"]),
-        "at rest": every(still(scene, name, limits["still_m_s"]) for name in task.objects),
+        "cube released": not holders(scene, "cube"),
+        "at rest": at_rest(scene, task.objects, limits),
     }
 
 
@@ -83,5 +66,5 @@ def paper(scene: Scene, start: Scene, task: Task) -> bool:
     limits, size = task.success, task.objects["cup"].size
     over_m = height_m(scene, "cube") - height_m(scene, "cup")
     low = size * limits["paper_least_m"] < over_m < size * limits["paper_most_m"]
-    turned_over = tilt_deg(scene.poses["cup"]) >= limits["paper_tilt_deg"]
-    return low and not turned_over and bool(near(scene, "cube", "cup", limits["paper_distance_m"]))
+    upwards = upright(scene, "cup", limits["paper_tilt_deg"])
+    return low and bool(upwards and near(scene, "cube", "cup", limits["paper_distance_m"]))

@@ -1,19 +1,8 @@
 """Place Food: one arm takes the lid off the pot, the other puts the food in."""
 
-from rf_exp.statements import ContactAt, Direction, Proposal, Statement, Step, keep_clear
+from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import (
-    above,
-    below,
-    distance_xy_m,
-    every,
-    height_m,
-    holders,
-    near,
-    released,
-    still,
-    upright,
-)
+from rf_exp.tasks.predicates import at_rest, below, every, far, height_m, near, released, upright
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
@@ -36,16 +25,13 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Lid up and aside while the steak is fetched; the steak goes in once the lid is up."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    if not _lid_off(scene, task) or holders(scene, "lid"):
-        subgoals += [
-            Subgoal(HELPER, "grasp", "lid", "knob"),
-            Subgoal(HELPER, "lift", "lid", height_m=LID_LIFT_M),
-            Subgoal(HELPER, "place", "lid", target="aside"),
-        ]
-        constraints += [ContactAt(HELPER, "grasp", "lid", "knob"), Direction(HELPER, "lid")]
-    if not _inside(scene, task) or holders(scene, "steak"):
-        subgoals += fetch(COOK, "steak", "pot", "inside")
-        constraints += [ContactAt(COOK, "grasp", "steak", "center"), Direction(COOK, "steak")]
+    if not _lid_off(scene, task) or not released(scene, ["lid"]):
+        take, aside = fetch(HELPER, "lid", "aside", grip="knob")
+        subgoals += [take, Subgoal(HELPER, "lift", "lid", height_m=LID_LIFT_M), aside]
+        constraints += grasping([take])
+    if not _inside(scene, task) or not released(scene, ["steak"]):
+        food = fetch(COOK, "steak", "pot", "inside")
+        subgoals, constraints = subgoals + food, constraints + grasping(food)
     if len({subgoal.agent for subgoal in subgoals}) == 2:
         constraints += in_turn(Step(HELPER, "lift", "lid"), Step(COOK, "place", "steak"))
     return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
@@ -58,25 +44,20 @@ def _inside(scene: Scene, task: Task) -> Condition:
 
 
 def _lid_off(scene: Scene, task: Task) -> Condition:
-    off_m = task.objects["pot"].size * task.success["lid_off_m"]
-    return above(distance_xy_m(scene.poses["lid"], scene.poses["pot"]), off_m, "m")
+    return far(scene, "lid", "pot", task.objects["pot"].size * task.success["lid_off_m"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The steak lies in the upright pot, the lid beside it, nothing is held, nothing moves."""
     limits = task.success
+    lid_down = below(height_m(scene, "lid"), limits["lid_down_m"], "m")
     return {
         "steak inside the pot": _inside(scene, task),
         "lid off": _lid_off(scene, task),
-        "lid upright on the table": every(
-            (
-                upright(scene, "lid", limits["upright_deg"]),
-                below(height_m(scene, "lid"), limits["lid_down_m"], "m"),
-            )
-        ),
+        "lid upright on the table": every((upright(scene, "lid", limits["upright_deg"]), lid_down)),
         "pot upright": upright(scene, "pot", limits["upright_deg"]),
         "released": released(scene, ["steak", "lid"]),
-        "at rest": every(still(scene, name, limits["still_m_s"]) for name in task.objects),
+        "at rest": at_rest(scene, task.objects, limits),
     }
 
 

@@ -71,6 +71,11 @@ def still(scene: Scene, name: str, below_m_s: float) -> Measured:
     return below(scene.speeds[name], below_m_s, "m/s")
 
 
+def at_rest(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) -> Measured:
+    """Whether all of the objects are still. Reads `still_m_s` of the task's thresholds."""
+    return every(still(scene, name, limits["still_m_s"]) for name in names)
+
+
 def holders(scene: Scene, name: str) -> tuple[int, ...]:
     """The agents that pinch the object between their fingers."""
     return tuple([agent for agent, held in enumerate(scene.held, start=1) if held == name])
@@ -81,26 +86,18 @@ def upright(scene: Scene, name: str, within_deg: float) -> Measured:
     return below(tilt_deg(scene.poses[name]), within_deg, "deg")
 
 
-def stacked(
-    scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float
-) -> Measured:
-    """Whether `top` is `height_m` above `bottom`, to within `above_m`, and at most `beside_m` beside it."""
-    x_m, y_m, z_m = (scene.poses[top][:3, 3] - scene.poses[bottom][:3, 3]).tolist()
-    beside, off = hypot(x_m, y_m), abs(z_m - height_m)
-    if beside > beside_m:
-        return Measured(False, beside, beside_m, "m", False)
-    return Measured(off <= above_m, off, above_m, "m", False)
-
-
 def on(scene: Scene, task: Task, top: str, bearer: str, beside_m: float) -> Measured:
     """Whether `top` lies on the point `top` of `bearer`, at most `beside_m` beside it.
 
     That bound is for things of the usual size, and is as much wider as `bearer` is larger. Reads `above_m`
     of the task's thresholds.
     """
-    height_m = float(task.points[bearer]["top"][2, 3])
-    within_m = task.objects[bearer].size * beside_m
-    return stacked(scene, top, bearer, height_m, within_m, task.success["above_m"])
+    x_m, y_m, z_m = (scene.poses[top][:3, 3] - scene.poses[bearer][:3, 3]).tolist()
+    beside_m, within_m = hypot(x_m, y_m), task.objects[bearer].size * beside_m
+    if beside_m > within_m:
+        return Measured(False, beside_m, within_m, "m", False)
+    off_m, above_m = abs(z_m - float(task.points[bearer]["top"][2, 3])), task.success["above_m"]
+    return Measured(off_m <= above_m, off_m, above_m, "m", False)
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:
@@ -122,7 +119,7 @@ def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) ->
     return {
         "upright": every(upright(scene, name, limits["upright_deg"]) for name in names),
         "released": released(scene, names),
-        "at rest": every(still(scene, name, limits["still_m_s"]) for name in names),
+        "at rest": at_rest(scene, names, limits),
     }
 
 
@@ -147,6 +144,12 @@ def on_goal(scene: Scene, name: str, goal: str, limits: Mapping[str, float]) -> 
     return every((near(scene, name, goal, limits["goal_m"]), down))
 
 
-def near(scene: Scene, name: str, target: str, within_m: float) -> Measured:
-    """Whether the object is that near to another one, seen from above."""
-    return below(distance_xy_m(scene.poses[name], scene.poses[target]), within_m, "m")
+def near(scene: Scene, name: str, target: str | Matrix, within_m: float) -> Measured:
+    """Whether the object is that near to another one, or to a place, seen from above."""
+    there = scene.poses[target] if isinstance(target, str) else target
+    return below(distance_xy_m(scene.poses[name], there), within_m, "m")
+
+
+def far(scene: Scene, name: str, other: str, beyond_m: float) -> Measured:
+    """Whether the object is farther than that from another one, seen from above."""
+    return above(distance_xy_m(scene.poses[name], scene.poses[other]), beyond_m, "m")

@@ -14,19 +14,16 @@ ARM = 1
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp the blue cube, place it on the red one."""
-    if _on_top(scene, task) and released(scene, task.objects):
+    if on(scene, task, "blue", "red", task.success["beside_m"]) and released(scene, task.objects):
         return Proposal((), ())
     subgoals = fetch(ARM, "blue", "red", "top")
     return Proposal(tuple(subgoals), (*grasping(subgoals), AvoidObjects(ARM)))
 
 
-def _on_top(scene: Scene, task: Task) -> Condition:
-    return on(scene, task, "blue", "red", task.success["beside_m"])
-
-
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The blue cube lies on the red one, both level, let go and at rest."""
-    return {"blue on red": _on_top(scene, task), **set_down(scene, task.objects, task.success)}
+    on_red = on(scene, task, "blue", "red", task.success["beside_m"])
+    return {"blue on red": on_red, **set_down(scene, task.objects, task.success)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> Condition:

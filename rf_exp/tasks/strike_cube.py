@@ -26,14 +26,8 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The held hammer stands on the cube with its face down, and the cube is where it was."""
     limits = task.success
     slipped_m = dist(scene.poses["cube"][:3, 3].tolist(), start.poses["cube"][:3, 3].tolist())
-    return {
-        **striking.conditions(scene, task, ARM),
-        "cube where it was": every(
-            (below(slipped_m, limits["slip_m"], "m"), upright(scene, "cube", limits["face_deg"]))
-        ),
-    }
+    there = every((below(slipped_m, limits["slip_m"], "m"), upright(scene, "cube", limits["face_deg"])))
+    return {**striking.conditions(scene, task, ARM), "cube where it was": there}
 
 
-def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: the hammer's head is near the top of the cube."""
-    return striking.paper(scene, task)
+paper = striking.paper

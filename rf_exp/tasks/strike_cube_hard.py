@@ -16,7 +16,7 @@ SMITH, HELPER = 1, 2  # the agents: one strikes, the other brings the cube
 def plan(scene: Scene, task: Task) -> Proposal:
     """The hammer is taken while the cube is fetched; it comes down once the cube lies on the goal."""
     subgoals: list[Subgoal] = []
-    brought = _on_goal(scene, task) and released(scene, ["cube"])
+    brought = on_goal(scene, "cube", "goal", task.success) and released(scene, ["cube"])
     if brought and striking.struck(scene, task, SMITH):
         return Proposal((), ())
     if not brought:
@@ -26,19 +26,16 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*grasping(subgoals), *order, *keep_clear(task.agents)))
 
 
-def _on_goal(scene: Scene, task: Task) -> Condition:
-    return on_goal(scene, "cube", "goal", task.success)
-
-
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The cube lies on the goal, let go and at rest; the held hammer stands on it with its face down."""
     return {
         **striking.conditions(scene, task, SMITH),
-        "cube on the goal": _on_goal(scene, task),
+        "cube on the goal": on_goal(scene, "cube", "goal", task.success),
         **set_down(scene, ["cube"], task.success),
     }
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: the hammer's head is near the top of the cube, which is near the goal."""
-    return striking.paper(scene, task) and bool(near(scene, "cube", "goal", task.success["paper_goal_m"]))
+    struck = striking.paper(scene, start, task)
+    return struck and bool(near(scene, "cube", "goal", task.success["paper_goal_m"]))

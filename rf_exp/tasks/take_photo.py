@@ -63,8 +63,7 @@ def paper(scene: Scene, start: Scene, task: Task) -> bool:
     limits = task.success
     if not held_camera.paper(scene, start, task):
         return False
-    off = np.abs(_hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]).max()
-    if off >= limits["paper_shutter_m"]:
-        return False
+    shutter = _hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]
     steak = _hand(scene, task, held_camera.MODEL)[:3, 3] - scene.poses["steak"][:3, 3]
-    return bool(np.linalg.norm(steak) < limits["paper_steak_m"])
+    near = np.abs(shutter).max() < limits["paper_shutter_m"]
+    return bool(near and np.linalg.norm(steak) < limits["paper_steak_m"])

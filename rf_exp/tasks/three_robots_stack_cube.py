@@ -11,8 +11,7 @@ from rf_exp.types import Condition, Scene
 VERSION = "1"
 PLAN_VERSION = "1"
 
-STACK = ((1, "blue"), (2, "red"), (3, "green"))  # agent and its cube, from the bottom up
-CUBES = ("blue", "red", "green")
+STACK = {"blue": 1, "red": 2, "green": 3}  # cubes and their agents, from the bottom up
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -22,12 +21,13 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each cube is in its place, level, let go and at rest."""
-    return stacking.conditions(scene, task, STACK)
+    return stacking.conditions(scene, task, [*STACK])
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: each cube above the one below, the upper two near the goal."""
     limits = task.success
-    over_goal = all(near(scene, name, "goal", limits["paper_goal_m"]) for name in CUBES[1:])
-    high = all(on(scene, task, top, below, limits["paper_beside_m"]) for below, top in pairwise(CUBES))
-    return over_goal and high and released(scene, CUBES)
+    steps = [*pairwise(STACK)]
+    over_goal = all(near(scene, top, "goal", limits["paper_goal_m"]) for _, top in steps)
+    high = all(on(scene, task, top, below, limits["paper_beside_m"]) for below, top in steps)
+    return over_goal and high and released(scene, STACK)

@@ -1,13 +1,13 @@
 """Chain: things go through the hands of arms that stand by turns on both sides of a strip, to their goals."""
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 from rf_exp.statements import Before, Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import every, on_goal, released, set_down
 from rf_exp.tasks.shared import circle
+from rf_exp.tasks.shared.circle import Numbers
+from rf_exp.tasks.shared.placing import brought, left_to_bring
 from rf_exp.tasks.shared.relay import deliver, remaining
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
@@ -22,27 +22,23 @@ def layout(
     *,
     across_m: float,
     along_m: float,
-    start_m: Mapping[str, float],
-    goal_m: Mapping[str, float],
-    step_limit: Mapping[str, int],
+    start_m: Numbers,
+    goal_m: Numbers,
+    step_limit: Numbers,
 ) -> dict[str, Any]:
     """Bases by turns on both sides of the strip x = 0, things at the first arm, goals at the last."""
     side = [(-1) ** arm for arm in range(1, arms + 1)]
     along = [(arm - (arms + 1) / 2) * along_m for arm in range(1, arms + 1)]
+    rest = {"rest_rad": circle.REST_RAD}
     robots = [
-        {
-            "x_m": each * across_m,
-            "y_m": y_m,
-            "yaw_deg": 0.0 if each < 0 else 180.0,
-            "rest_rad": circle.REST_RAD,
-        }
+        {"x_m": each * across_m, "y_m": y_m, "yaw_deg": 0.0 if each < 0 else 180.0, **rest}
         for each, y_m in zip(side, along, strict=True)
     ]
     objects: dict[str, Any] = {}
     for k in range(things):
         y_m = along[-1] + k * goal_m["apart"]
-        goal = {"asset": "goal", "options": {"radius_m": goal_m["radius"]}}
-        objects[f"goal{k + 1}"] = {**goal, "x_m": side[-1] * (across_m - goal_m["forward"]), "y_m": y_m}
+        x_m = side[-1] * (across_m - goal_m["forward"])
+        objects[f"goal{k + 1}"] = circle.goal_at(x_m, y_m, goal_m["radius"])
     for k in range(things):
         x_m, y_m = side[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"]
         objects[f"cube{k + 1}"] = circle.cube_at(x_m, y_m, start_m["jitter"], k)
@@ -64,24 +60,16 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
     }
 
 
-def _things(task: Task) -> list[tuple[str, str]]:
-    return [(f"cube{k}", f"goal{k}") for k in range(1, len(task.objects) // 2 + 1)]
-
-
 def plan(scene: Scene, task: Task) -> Proposal:
     """From where each thing is now; the next one is laid at a stop once the last one has left it."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    under_way = [
-        (cube, goal)
-        for cube, goal in _things(task)
-        if not on_goal(scene, cube, goal, task.success) or not released(scene, [cube])
-    ]
-    chains = {cube: remaining(scene, task, cube, task.agents) for cube, _ in under_way}
-    for cube, goal in under_way:
+    under_way = left_to_bring(scene, task)
+    chains = {cube: remaining(scene, task, cube, task.agents) for cube in under_way}
+    for cube, goal in under_way.items():
         steps, stated = deliver(cube, chains[cube], goal)
         subgoals, constraints = subgoals + steps, constraints + stated
-    for (first, _), (then, _) in pairwise(under_way):
+    for first, then in pairwise(under_way):
         for giver, taker in pairwise(chains[then]):
             if taker in chains[first]:
                 constraints.append(Before(Step(taker, "grasp", first), Step(giver, "place", then)))
@@ -92,13 +80,4 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each thing is on its goal, upright, let go and at rest."""
-    there = every(on_goal(scene, cube, goal, task.success) for cube, goal in _things(task))
-    return {
-        "things on their goals": there,
-        **set_down(scene, [cube for cube, _ in _things(task)], task.success),
-    }
-
-
-def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The paper does not know this task; its criterion is ours, without the steps that it must hold."""
-    return all(conditions(scene, start, task).values())
+    return brought(scene, task, "things on their goals")

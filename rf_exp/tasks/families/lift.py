@@ -44,10 +44,8 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """All arms hold the frame, it is up, level and at rest."""
-    return {
-        "held by all arms": holders(scene, "frame") == task.agents,
-        **raised(scene, start, "frame", task.success),
-    }
+    held = holders(scene, "frame") == task.agents
+    return {"held by all arms": held, **raised(scene, start, "frame", task.success)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:

@@ -17,7 +17,7 @@ GLOBAL = {"out_m": 0.8, "up_m": 1.75, "fov_deg": 52.0}  # of the camera that see
 EYE_M, TARGET_M, FOV_DEG = (1.02, 0.16, 0.82), (0.5, 0.0, 0.1), 52.0  # of each arm's, in its base's frame
 
 COLOURS = ("blue", "red", "green")
-Placed = dict[str, Any]
+Numbers = Mapping[str, float]  # of a layout, by their names
 
 
 def angle_rad(arm: int, arms: int) -> float:
@@ -25,7 +25,7 @@ def angle_rad(arm: int, arms: int) -> float:
     return 2 * np.pi * (arm - 1) / arms - np.pi / 2
 
 
-def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float = 0.0) -> Placed:
+def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float = 0.0) -> dict[str, Any]:
     """The x and y in the world of what lies before an arm, and the yaw of the arm's base."""
     angle = angle_rad(arm, arms)
     base = planar(radius_m * np.cos(angle), radius_m * np.sin(angle), angle + np.pi)
@@ -80,10 +80,14 @@ def cube_at(x_m: float, y_m: float, off_m: float, colour: int) -> dict[str, Any]
     return {"asset": "cube", "options": options, **ranges, "yaw_deg": [-180.0, 180.0]}
 
 
-def number(name: str) -> tuple[int, str]:
-    """Whose a thing is, and its number among all: of cube2_1 these are 2 and 2_1."""
-    found = name.lstrip("abcdefghijklmnopqrstuvwxyz")
-    return int(found.split("_")[0]), found
+def goal_at(x_m: float, y_m: float, radius_m: float) -> dict[str, Any]:
+    """A mark on the table."""
+    return {"asset": "goal", "options": {"radius_m": radius_m}, "x_m": x_m, "y_m": y_m}
+
+
+def owner(name: str) -> int:
+    """Whose a thing is: of cube2_1 this is 2."""
+    return int(name.lstrip("abcdefghijklmnopqrstuvwxyz").split("_")[0])
 
 
 def _camera(eye_m: tuple, target_m: tuple, fov_deg: float) -> dict[str, Any]:

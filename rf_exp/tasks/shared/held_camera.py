@@ -8,7 +8,7 @@ import numpy as np
 
 from rf_exp.statements import SameHeight, Statement, Together, grasping
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import above, below, every, height_m, holders, still, upright
+from rf_exp.tasks.predicates import above, at_rest, below, height_m, holders, upright
 from rf_exp.transforms import Matrix, angle_between_rad, transform
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -28,11 +28,8 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
     """What is left to do to have the camera up in both hands."""
-    grasps = [
-        Subgoal(agent, "grasp", "camera", point)
-        for agent, point in GRIPS.items()
-        if scene.held[agent - 1] != "camera"
-    ]
+    free = [agent for agent in GRIPS if scene.held[agent - 1] != "camera"]
+    grasps = [Subgoal(agent, "grasp", "camera", GRIPS[agent]) for agent in free]
     up_m = round(_to_lift_m(scene, task), 3)
     return grasps + [Subgoal(agent, "lift", "camera", height_m=up_m) for agent in GRIPS if up_m]
 
@@ -63,7 +60,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
         "steak held": holders(scene, "steak") == (MODEL,),
         "steak up": above(height_m(scene, "steak"), limits["steak_up_m"], "m"),
         "camera points at the steak": below(aim_deg(scene, task), limits["aim_deg"], "deg"),
-        "at rest": every(still(scene, name, limits["still_m_s"]) for name in ("camera", "steak")),
+        "at rest": at_rest(scene, ("camera", "steak"), limits),
     }
 
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 
-from rf_exp.statements import Before, ContactAt, Direction, Proposal, Statement, Step, keep_clear
+from rf_exp.statements import Before, Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import above, below, every, holders, set_down
+from rf_exp.tasks.shared.placing import fetch
 from rf_exp.transforms import inverse
 from rf_exp.types import ANYBODY, Condition, Measured, Scene, Subgoal
 
@@ -36,15 +37,11 @@ def plan(scene: Scene, task: Task, jobs: Sequence[Job]) -> Proposal:
         if not held and there(scene, task, job):
             continue
         agent = agents[job.thing] = held[0] if held else job.agent
-        subgoals += [
-            Subgoal(agent, "grasp", job.thing, job.grip),
-            Subgoal(agent, "place", job.thing, target=job.target, target_point=job.point),
-        ]
-        constraints += [ContactAt(agent, "grasp", job.thing, job.grip), Direction(agent, job.thing)]
-        then = Step(agent, "place", job.thing)
-        constraints += [
-            Before(Step(agents[first], "place", first), then) for first in job.after if first in agents
-        ]
+        brings = fetch(agent, job.thing, job.target, job.point, job.grip)
+        firsts = [Step(agents[first], "place", first) for first in job.after if first in agents]
+        subgoals += brings
+        constraints += grasping(brings)
+        constraints += [Before(first, Step(agent, "place", job.thing)) for first in firsts]
     return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)) if subgoals else ())
 
 

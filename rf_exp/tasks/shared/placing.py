@@ -1,15 +1,40 @@
 """Things that are fetched and placed, by one arm after the other."""
 
 from rf_exp.statements import Before, ShareSpace, Statement, Step
-from rf_exp.types import Subgoal
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import every, on_goal, released, set_down
+from rf_exp.types import Condition, Scene, Subgoal
 
 
-def fetch(agent: int, thing: str, target: str, target_point: str | None = None) -> list[Subgoal]:
-    """A thing is grasped at its point `center`, and placed."""
+def fetch(
+    agent: int, thing: str, target: str, target_point: str | None = None, grip: str = "center"
+) -> list[Subgoal]:
+    """A thing is grasped at a point, and placed."""
     place = Subgoal(agent, "place", thing, target=target, target_point=target_point)
-    return [Subgoal(agent, "grasp", thing, "center"), place]
+    return [Subgoal(agent, "grasp", thing, grip), place]
 
 
 def in_turn(first: Step, then: Step) -> list[Statement]:
     """A step of one arm comes before one of another, and they yield to one another."""
     return [Before(first, then), ShareSpace((first.agent, then.agent))]
+
+
+def goals(task: Task) -> dict[str, str]:
+    """Cube -> the goal of its number."""
+    return {name: name.replace("cube", "goal") for name in task.objects if name.startswith("cube")}
+
+
+def left_to_bring(scene: Scene, task: Task) -> dict[str, str]:
+    """Cube -> its goal, of those that do not lie there yet, or are held."""
+    return {
+        cube: goal
+        for cube, goal in goals(task).items()
+        if not on_goal(scene, cube, goal, task.success) or not released(scene, [cube])
+    }
+
+
+def brought(scene: Scene, task: Task, named: str) -> dict[str, Condition]:
+    """Conditions of cubes that have goals: each is on its own, upright, let go and at rest."""
+    pairs = goals(task)
+    there = every(on_goal(scene, cube, goal, task.success) for cube, goal in pairs.items())
+    return {named: there, **set_down(scene, pairs, task.success)}

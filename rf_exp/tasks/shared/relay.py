@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from rf_exp.statements import Statement, Step
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import distance_xy_m, holders
+from rf_exp.tasks.predicates import holders, near
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Scene, Subgoal
 
@@ -26,13 +26,7 @@ def deliver(thing: str, chain: Sequence[int], goal: str) -> tuple[list[Subgoal],
 
 def remaining(scene: Scene, task: Task, thing: str, chain: Sequence[int]) -> Sequence[int]:
     """The rest of the chain: from who holds the thing, finds it at a stop, or is nearest to it."""
-    return chain[chain.index(_turn(scene, task, thing, chain)) :]
-
-
-def _turn(scene: Scene, task: Task, thing: str, chain: Sequence[int]) -> int:
-    if holders(scene, thing):
-        return holders(scene, thing)[0]
-    for giver, taker in pairwise(chain):
-        if distance_xy_m(scene.poses[thing], task.places(scene)[f"stop{giver}"]) < task.success["goal_m"]:
-            return taker
-    return min(chain, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses[thing][1, 3]))
+    places, within_m = task.places(scene), task.success["goal_m"]
+    takers = (then for giver, then in pairwise(chain) if near(scene, thing, places[f"stop{giver}"], within_m))
+    nearest = min(chain, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses[thing][1, 3]))
+    return chain[chain.index(next(iter(holders(scene, thing) or takers), nearest)) :]

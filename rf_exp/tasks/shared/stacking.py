@@ -1,9 +1,9 @@
 """A tower of cubes on a goal, built by several arms: for Three Robots Stack Cube and the family *tower*.
 
-A stack names the agents and their cubes from the bottom up; the task has an object `goal`.
+A stack names cubes and their agents from the bottom up; the task has an object `goal`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
@@ -12,20 +12,18 @@ from rf_exp.tasks.predicates import on, on_goal, released, set_down
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Condition, Scene, Subgoal
 
-Stack = Sequence[tuple[int, str]]  # (agent, cube), from the bottom up
 
-
-def plan(scene: Scene, task: Task, stack: Stack) -> Proposal:
+def plan(scene: Scene, task: Task, stack: Mapping[str, int]) -> Proposal:
     """Everybody fetches a cube; each is placed once the one below it lies there."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     left: list[tuple[int, str]] = []
-    names = _names(stack)
-    bearers = [None, *names[:-1]]
-    for (agent, name), bearer, stands in zip(stack, bearers, standing(scene, task, names), strict=True):
+    place = "goal", "middle"
+    for (name, agent), stands in zip(stack.items(), standing(scene, task, [*stack]), strict=True):
         if left or not stands or not released(scene, [name]):
             left.append((agent, name))
-            subgoals += fetch(agent, name, bearer or "goal", "top" if bearer else "middle")
+            subgoals += fetch(agent, name, *place)
+        place = name, "top"
     for (first, lower), (then, upper) in pairwise(left):
         if first != then:
             constraints += in_turn(Step(first, "place", lower), Step(then, "place", upper))
@@ -39,15 +37,15 @@ def standing(scene: Scene, task: Task, names: Sequence[str]) -> list[Condition]:
     return [bottom, *(on(scene, task, top, bearer, limits["beside_m"]) for bearer, top in pairwise(names))]
 
 
-def conditions(scene: Scene, task: Task, stack: Stack) -> dict[str, Condition]:
+def conditions(scene: Scene, task: Task, names: Sequence[str]) -> dict[str, Condition]:
     """Each cube is in its place, level, let go and at rest."""
-    names = _names(stack)
     in_place = zip(names, standing(scene, task, names), strict=True)
-    return {
-        **{f"{name} in its place": there for name, there in in_place},
-        **set_down(scene, names, task.success),
-    }
+    places = {f"{name} in its place": there for name, there in in_place}
+    return {**places, **set_down(scene, names, task.success)}
 
 
-def _names(stack: Iterable[tuple[int, str]]) -> list[str]:
-    return [name for _, name in stack]
+def conditions_of_two(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """Blue on the goal, red on blue, both level, let go by everybody and at rest."""
+    on_the_goal, on_blue = standing(scene, task, ("blue", "red"))
+    there = {"blue on the goal": on_the_goal, "red on blue": on_blue}
+    return {**there, **set_down(scene, ("blue", "red"), task.success)}

@@ -13,14 +13,9 @@ DOWN = (0.0, 0.0, -1.0)
 
 def take_and_strike(scene: Scene, agent: int) -> list[Subgoal]:
     """Grasp the handle, lift, bring the head down on the cube; of one that holds it the last alone."""
+    take = Subgoal(agent, "grasp", "hammer", "handle"), Subgoal(agent, "lift", "hammer", height_m=LIFT_M)
     strike = Subgoal(agent, "strike", "hammer", "head", target="cube", target_point="top")
-    if holders(scene, "hammer") == (agent,):
-        return [strike]
-    return [
-        Subgoal(agent, "grasp", "hammer", "handle"),
-        Subgoal(agent, "lift", "hammer", height_m=LIFT_M),
-        strike,
-    ]
+    return [strike] if holders(scene, "hammer") == (agent,) else [*take, strike]
 
 
 @once
@@ -50,6 +45,6 @@ def conditions(scene: Scene, task: Task, agent: int) -> dict[str, Condition]:
     }
 
 
-def paper(scene: Scene, task: Task) -> bool:
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: the hammer's head is near the top of the cube."""
     return face(scene, task)[0] < task.success["paper_gap_m"]

@@ -17,7 +17,7 @@ class SuccessEvaluator:
 
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
-        self._module = task.module
+        self._conditions, self._paper = task.module.conditions, getattr(task.module, "paper", None)
         self._reaches_m = [(robot.x_m, robot.y_m, robot.model.reach_m) for robot in task.robots]
         self._hold_steps = int(task.success["hold_steps"])
         self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
@@ -25,12 +25,13 @@ class SuccessEvaluator:
         self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
 
     def __call__(self, scene: Scene) -> Verdict:
-        conditions: Mapping[str, Condition] = self._module.conditions(scene, self._start, self._task)
+        conditions: Mapping[str, Condition] = self._conditions(scene, self._start, self._task)
         evidence = {name: bool(holds) for name, holds in conditions.items()}
-        self._steps = self._steps + 1 if all(evidence.values()) else 0
+        holds = all(evidence.values())
+        self._steps = self._steps + 1 if holds else 0
         return Verdict(
             self._steps >= self._hold_steps,
-            bool(self._module.paper(scene, self._start, self._task)),
+            bool(self._paper(scene, self._start, self._task)) if self._paper else holds,
             evidence,
             {name: found for name, found in conditions.items() if isinstance(found, Measured)},
             self._lost(scene),
