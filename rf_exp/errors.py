@@ -2,6 +2,8 @@
 
 import pickle
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from rf_exp.texts import LONGEST_ERROR, one_line
 
@@ -32,6 +34,15 @@ def choices(what: str, got: object, available: object) -> ArgumentError:
     """The error for a name that does not exist: names what does."""
     listed = ", ".join(sorted(str(name) for name in available))  # pyright: ignore[reportGeneralTypeIssues]
     return ArgumentError(f"unknown {what} {got!r}; available: {listed}")
+
+
+@contextmanager
+def about(what: str) -> Iterator[None]:
+    """Says what an ArgumentError from within is about."""
+    try:
+        yield
+    except ArgumentError as error:
+        raise ArgumentError(f"{what}: {error}") from error
 
 
 def portable(error: Exception) -> Exception:

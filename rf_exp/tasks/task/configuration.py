@@ -12,7 +12,7 @@ import dacite
 from omegaconf import OmegaConf
 
 from rf_exp.artifacts import plain, read_values
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, about, choices
 from rf_exp.installed import CONF
 from rf_exp.robots import Robot, robot_named
 from rf_exp.tasks.robofactory.borrowed import CAMERAS, RELEASE, Borrowed, unmarked, with_release
@@ -101,77 +101,70 @@ def load_task(
     """
     check_words(name, node)
     if is_family(node):
-        try:
+        with about(f"task {name!r}"):
             name, node = member(name, node, arms, things)
-        except ArgumentError as error:
-            raise ArgumentError(f"task {name!r}: {error}") from error
     elif arms is not None or things is not None:
         raise ArgumentError(
             f"task {name!r} has numbers of its own; arms and things are keys of "
             f"{', '.join(families(CONFIGURED))}"
         )
-    if "clutter" in node:  # a seed draws it
-        raise ArgumentError(f"task {name!r}: unknown field clutter")
-    try:
-        if robot is not None:
+    if robot is not None:
+        with about(f"task {name!r}"):
             name, node = with_robots(name, node, robot)
-        if borrowed is not None:
+    if borrowed is not None:
+        with about(f"task {name!r}"):
             name, node = with_release(name, node, borrowed)
-        find_robots(node)
-        drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
+    with about(f"task {name!r}"):
+        return _checked(name, node)
+
+
+def _checked(name: str, node: Mapping) -> Task:
+    """The Task that a configuration has the values of. Raises ArgumentError as `load_task` does."""
+    if "clutter" in node:  # a seed draws it
+        raise ArgumentError("unknown field clutter")
+    find_robots(node)
+    drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
+    try:
         task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
     except dacite.UnexpectedDataError as error:
-        unknown = ", ".join(sorted(map(str, error.keys)))
-        raise ArgumentError(f"task {name!r}: unknown field {unknown}") from error
+        raise ArgumentError(f"unknown field {', '.join(sorted(map(str, error.keys)))}") from error
     except dacite.MissingValueError as error:
-        raise ArgumentError(f"task {name!r}: field {error.field_path} is missing") from error
+        raise ArgumentError(f"field {error.field_path} is missing") from error
     except dacite.WrongTypeError as error:
-        raise ArgumentError(
-            f"task {name!r}: field {error.field_path} is {error.value!r}; expected {error.field_type}"
-        ) from error
-    except ArgumentError as error:
-        raise ArgumentError(f"task {name!r}: {error}") from error
+        wrong = f"field {error.field_path} is {error.value!r}; expected {error.field_type}"
+        raise ArgumentError(wrong) from error
     if task.name != name:
-        raise ArgumentError(f"task {name!r}: field name is {task.name!r}; expected {name!r}")
+        raise ArgumentError(f"field name is {task.name!r}; expected {name!r}")
     if task.cameras["global"].mount == "wrist":
-        raise ArgumentError(
-            f"task {name!r}: camera 'global' has mount 'wrist'; expected 'world': it belongs to no arm"
-        )
-    seen: list[str] = []
-    for key, spec in task.objects.items():
-        try:
+        raise ArgumentError("camera 'global' has mount 'wrist'; expected 'world': it belongs to no arm")
+    for key in task.objects:
+        with about(f"object {key!r}"):
             task.asset(key)
-        except ArgumentError as error:
-            raise ArgumentError(f"task {name!r}: object {key!r}: {error}") from error
-        if spec.relative_to is not None and spec.relative_to not in seen:
-            raise ArgumentError(
-                f"task {name!r}: object {key!r} is relative to {spec.relative_to!r}; "
-                f"expected one listed before it: {seen}"
-            )
-        if problem := _badly_hung(task, key):
-            raise ArgumentError(f"task {name!r}: object {key!r} {problem}")
-        seen.append(key)
-        beyond_m, edge = beyond_table(task, key)
-        if beyond_m > 0:
-            raise ArgumentError(
-                f"task {name!r}: object {key!r} may start {1000 * beyond_m:.0f} mm beyond the table's edge "
-                f"at {edge} and fall; narrow its ranges"
-            )
+        if problem := _badly_placed(task, key):
+            raise ArgumentError(f"object {key!r} {problem}")
     return task
 
 
-def _badly_hung(task: Task, name: str) -> str | None:
-    """What is wrong with how an object hangs by a hinge; None: nothing, or it has none."""
+def _badly_placed(task: Task, name: str) -> str | None:
+    """What is wrong with where an object stands, or how it hangs by its hinge; None: nothing."""
     spec, hinge = task.objects[name], task.asset(name).hinge
-    if hinge is None:
-        return f"has no hinge, and open_deg {spec.open_deg:g}; leave it out" if spec.open_deg else None
-    if not 0 <= spec.open_deg <= hinge.open_deg:
-        return f"has open_deg {spec.open_deg:g}; expected 0 to {hinge.open_deg:g}"
-    bearer = spec.relative_to
-    if bearer is None or not task.asset(bearer).static:
-        return f"has a hinge; expected relative_to something that is fixed to the table, not {bearer!r}"
-    if any(low != high for low, high in (spec.x_m, spec.y_m, spec.yaw_deg)):
-        return f"hangs on {bearer!r} by a hinge; expected single numbers for x_m, y_m and yaw_deg, not ranges"
+    bearer, before = spec.relative_to, [*task.objects][: [*task.objects].index(name)]
+    if bearer is not None and bearer not in before:
+        return f"is relative to {bearer!r}; expected one listed before it: {before}"
+    if hinge is None and spec.open_deg:
+        return f"has no hinge, and open_deg {spec.open_deg:g}; leave it out"
+    if hinge is not None:
+        if not 0 <= spec.open_deg <= hinge.open_deg:
+            return f"has open_deg {spec.open_deg:g}; expected 0 to {hinge.open_deg:g}"
+        if bearer is None or not task.asset(bearer).static:
+            return f"has a hinge; expected relative_to something that is fixed to the table, not {bearer!r}"
+        if any(low != high for low, high in (spec.x_m, spec.y_m, spec.yaw_deg)):
+            single = "single numbers for x_m, y_m and yaw_deg"
+            return f"hangs on {bearer!r} by a hinge; expected {single}, not ranges"
+    beyond_m, edge = beyond_table(task, name)
+    if beyond_m > 0:
+        beyond = f"{1000 * beyond_m:.0f} mm beyond the table's edge at {edge}"
+        return f"may start {beyond} and fall; narrow its ranges"
     return None
 
 
@@ -216,12 +209,9 @@ def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
         return None
     borrowed = Borrowed(cameras_of=RELEASE) if marks else None
     task, robots = parted(name)
-    if task in files:
-        return read_task(files[task], robot=robots or None, borrowed=borrowed)
     family, *numbers = parsed(task) or ("",)
-    if family not in families(folder):
-        return None
-    return read_task(families(folder)[family], *numbers, robot=robots or None, borrowed=borrowed)
+    path, numbers = (files[task], []) if task in files else (families(folder).get(family), numbers)
+    return None if path is None else read_task(path, *numbers, robot=robots or None, borrowed=borrowed)
 
 
 def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh.visual import ColorVisuals, uv_to_color
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, about, choices
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets.asset.base import Asset, Colour, Hinge, InteractionPoint, Part, convex_pieces
 from rf_exp.transforms import from_axes, transform
@@ -27,12 +27,8 @@ from rf_exp.transforms import from_axes, transform
 Vector = tuple[float, float, float]
 
 COMES_ALONG: Mapping[str, Vector | None] = {  # kind -> z axis of its frame unless the file gives one
-    "grasp": None,
-    "press": None,
-    "shut": None,
-    "tool": None,
-    "place": (0.0, 0.0, 1.0),
-    "drop": (0.0, 0.0, 1.0),
+    **dict.fromkeys(("grasp", "press", "shut", "tool")),
+    **dict.fromkeys(("place", "drop"), (0.0, 0.0, 1.0)),
 }
 DIGITS = 6  # of what is written
 WIDEST_DEG = 170.0  # that a hinge opens
@@ -201,16 +197,11 @@ def build(path: str) -> Asset:
     """
     file = Path(path)
     said = read(file)
-    try:
-        return Asset(
-            file.stem,
-            parts=_parts(said, file.parent / said.mesh),
-            points=_points(said),
-            hinge=None if said.hinge is None else said.hinge.hinge(),
-            **{name: getattr(said, name) for name in OF_BODIES},
-        )
-    except ArgumentError as error:
-        raise ArgumentError(f"annotation {file}: {error}") from error
+    with about(f"annotation {file}"):
+        parts, points = _parts(said, file.parent / said.mesh), _points(said)
+        hinge = None if said.hinge is None else said.hinge.hinge()
+        body = {name: getattr(said, name) for name in OF_BODIES}
+        return Asset(file.stem, parts=parts, points=points, hinge=hinge, **body)
 
 
 def _points(said: Annotation) -> dict[str, InteractionPoint]:
@@ -220,10 +211,8 @@ def _points(said: Annotation) -> dict[str, InteractionPoint]:
             raise choices("asset in points_of", said.points_of, assets.available())
         points |= assets.load(said.points_of).points
     for name, point in said.points.items():
-        try:
+        with about(f"point {name!r}"):
             points[name] = point.interaction_point()
-        except ArgumentError as error:
-            raise ArgumentError(f"point {name!r}: {error}") from error
     return points
 
 
