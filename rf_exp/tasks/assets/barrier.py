@@ -26,7 +26,10 @@ def build() -> Asset:
     return Asset(
         "barrier",
         parts=(board, *feet, *stripes),
-        points={"left": _grip(-GRIP_X_M), "right": _grip(GRIP_X_M)},
+        points={  # the fingers close on the two faces of the board
+            side: InteractionPoint.from_above((x_m, 0, GRIP_Z_M), width_m=THICKNESS_M)
+            for side, x_m in (("left", -GRIP_X_M), ("right", GRIP_X_M))
+        },
         mass_kg=0.1,
         heaviest_kg=HEAVIEST_KG,
         friction=1.2,
@@ -51,8 +54,3 @@ def _stripe(x_m: float, half_width_m: float) -> Part:
         for y in (-THICKNESS_M / 2 - PROUD_M, THICKNESS_M / 2 + PROUD_M)
     ]
     return Part.hull(np.array(corners), RED, solid=False)
-
-
-def _grip(x_m: float) -> InteractionPoint:
-    """The fingers close on the two faces of the board."""
-    return InteractionPoint.from_above((x_m, 0, GRIP_Z_M), width_m=THICKNESS_M)

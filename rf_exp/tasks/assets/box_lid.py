@@ -30,19 +30,12 @@ def build() -> Asset:
     label = Part.box((0.05, 0.08, 0.0005), transform((-0.04, 0, top_m)), LABEL, solid=False)
     axis = box.HINGE_M[0], 0.0, box.HINGE_M[1] - SHUT_Z_M
     barrel = Part.cylinder(0.005, 0.30, from_axes(axis, z=(0, 1, 0), y=(0, 0, 1)), BRASS, solid=False)
-    tipped = np.deg2rad(TIPPED_DEG)
+    tipped, pushed = np.deg2rad(TIPPED_DEG), (axis[0] - PUSH_M, 0, top_m + TIP_M)
+    push = from_axes(pushed, z=(np.sin(tipped), 0, -np.cos(tipped)), y=(0, 1, 0))
     return Asset(
         "box_lid",
         parts=(plate, *box.walls(0.0, RIM_M), label, barrel),
-        points={
-            "top": InteractionPoint(
-                from_axes(
-                    (axis[0] - PUSH_M, 0, top_m + TIP_M), z=(np.sin(tipped), 0, -np.cos(tipped)), y=(0, 1, 0)
-                ),
-                "shut",
-                width_m=0.0,
-            )
-        },
+        points={"top": InteractionPoint(push, "shut", width_m=0.0)},
         hinge=Hinge(transform(axis), OPEN_DEG, FALLS_DEG, FALLS_S, DAMPING_N_M_S),
         mass_kg=0.25,
         friction=0.5,

@@ -79,14 +79,9 @@ def _ahead(x_m: float) -> Matrix:
 def _handle(side: int) -> Part:
     """An upright plate whose outer corners are cut."""
     (inner_m, outer_m), (low_m, high_m) = HANDLE_M, HANDLE_Z_M
-    outline = (
-        (inner_m, low_m),
-        (inner_m, high_m),
-        (outer_m - CHAMFER_M, high_m),
-        (outer_m, high_m - CHAMFER_M),
-        (outer_m, low_m + CHAMFER_M),
-        (outer_m - CHAMFER_M, low_m),
-    )
+    inner = (inner_m, low_m), (inner_m, high_m)
+    upper = (outer_m - CHAMFER_M, high_m), (outer_m, high_m - CHAMFER_M)
+    outline = (*inner, *upper, (outer_m, low_m + CHAMFER_M), (outer_m - CHAMFER_M, low_m))
     corners = [(x, side * y, z) for x in (-HANDLE_HALF_M, HANDLE_HALF_M) for y, z in outline]
     return Part.hull(np.array(corners), RUBBER, roughness=0.9)
 

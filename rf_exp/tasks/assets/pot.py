@@ -15,8 +15,6 @@ INSIDE_Z_M = 0.052  # where food is let go: the hand stays above the rim, the fo
 
 ENAMEL, RIM, IRON = (0.10, 0.24, 0.42), (0.55, 0.58, 0.62), (0.05, 0.05, 0.06)
 RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
-
-
 # Of two things side by side: from the middle, and let go so high that the hand is over the rim.
 SPOT_M, OVER_M = 0.042, 0.088
 
@@ -25,9 +23,6 @@ def build(spots: int = 1, closes: bool = False) -> Asset:
     """The pot with drop point `inside`, or `inside1` and `inside2` for two things side by side.
 
     One that `closes` has a place point `rim` for its lid. Raises ArgumentError for more than two spots.
-
-    Of a drop point, `object_from_tcp` is the pose of the placed object's own frame, z up: what is
-    put in ends up upright over the middle of the pot, and half a turn serves as well.
     """
     if spots not in (1, 2):
         raise ArgumentError(f"spots is {spots!r}; a pot holds one thing, or two side by side")

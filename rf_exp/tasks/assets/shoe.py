@@ -4,7 +4,7 @@ Heel and toe are lower than the grip, so a hand tipped forwards or backwards doe
 """
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,6 @@ PROUD_M = 0.0006
 BENT_M = 0.012  # how far the toe of one of a pair points inwards, from the waist on
 
 RED, DARK, WHITE, LACE = (0.60, 0.05, 0.03), (0.05, 0.03, 0.03), (0.82, 0.80, 0.76), (0.90, 0.88, 0.80)
-
-
 BLUE = (0.02, 0.10, 0.45)
 FEET = {"left": (-1, RED), "right": (1, BLUE)}  # where inwards is, along y
 
@@ -78,12 +76,8 @@ def _outline(low_x_m: float, high_x_m: float, z_m: float, inset_m: float = 0.0) 
 
 def _sole() -> Part:
     end = LENGTH_M / 2
-    return Part.hull(
-        np.concatenate(
-            [_outline(-end, end, 0.0, 0.004), _outline(-end, end, 0.005), _outline(-end, end, SOLE_M)]
-        ),
-        WHITE,
-    )
+    levels = ((0.0, 0.004), (0.005, 0.0), (SOLE_M, 0.0))
+    return Part.hull(np.concatenate([_outline(-end, end, *level) for level in levels]), WHITE)
 
 
 def _ellipse(angle: float, inset_m: float) -> tuple[float, float]:
@@ -101,17 +95,11 @@ def _insole() -> Part:
 def _heel() -> list[Part]:
     """The wall round the heel in convex pieces: a half ellipse, and straight from there to the waist."""
     angles = np.linspace(np.pi / 2, 3 * np.pi / 2, HEEL_WALLS + 1)
-    pieces = [
-        [_ellipse(angle, inset) for angle in edge for inset in (0.0, WALL_M)] for edge in pairwise(angles)
-    ]
-    across = HEEL_OUTER_M[1]
-    for side in (-1, 1):
-        pieces.append(
-            [(x, side * y) for x in (HEEL_CENTRE_M, WAIST_M[0] + 0.004) for y in (across - WALL_M, across)]
-        )
-    return [
-        Part.hull(np.array([(x, y, z) for x, y in piece for z in (SOLE_M, HEEL_M)]), RED) for piece in pieces
-    ]
+    pieces = [[_ellipse(*corner) for corner in product(edge, (0.0, WALL_M))] for edge in pairwise(angles)]
+    ends, across = (HEEL_CENTRE_M, WAIST_M[0] + 0.004), (HEEL_OUTER_M[1] - WALL_M, HEEL_OUTER_M[1])
+    pieces += [[(x, side * y) for x, y in product(ends, across)] for side in (-1, 1)]
+    corners = [np.array([(x, y, z) for (x, y), z in product(piece, (SOLE_M, HEEL_M))]) for piece in pieces]
+    return [Part.hull(each, RED) for each in corners]
 
 
 def _waist() -> Part:
@@ -131,11 +119,8 @@ def _tongue() -> Part:
 def _vamp() -> Part:
     """From the waist down to the toe."""
     start, end = WAIST_M[1] - 0.006, 0.094
-    ridge = [
-        (x, side * half, z)
-        for x, half, z in ((start, 0.024, TOPS_M[1]), (0.080, 0.016, 0.042))
-        for side in (-1, 1)
-    ]
+    top = (start, 0.024, TOPS_M[1]), (0.080, 0.016, 0.042)
+    ridge = [(x, side * half, z) for x, half, z in top for side in (-1, 1)]
     return Part.hull(np.concatenate([_outline(start, end, SOLE_M, 0.003), np.array(ridge)]), RED)
 
 
@@ -159,19 +144,9 @@ def _laces() -> list[Part]:
 
 def _stripes() -> list[Part]:
     """Two slanted white stripes on either side of the waist, only seen."""
-    half, width = WAIST_HALF_M + PROUD_M, 0.007
-    return [
-        Part.hull(
-            np.array(
-                [
-                    (x + shift + extra, y, z)
-                    for z, shift in ((SOLE_M + 0.002, 0.012), (0.058, 0.0))
-                    for extra in (0.0, width)
-                    for y in (-half, half)
-                ]
-            ),
-            WHITE,
-            solid=False,
-        )
-        for x in (-0.014, 0.004)
-    ]
+    half, ends, stripes = WAIST_HALF_M + PROUD_M, ((SOLE_M + 0.002, 0.012), (0.058, 0.0)), []
+    for x in (-0.014, 0.004):
+        corners = product(ends, (0.0, 0.007), (-half, half))
+        band = np.array([(x + shift + wide, y, z) for (z, shift), wide, y in corners])
+        stripes.append(Part.hull(band, WHITE, solid=False))
+    return stripes

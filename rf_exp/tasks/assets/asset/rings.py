@@ -1,6 +1,6 @@
 """Corners of round things, which are made of convex pieces."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,8 @@ def ring(
     inner_m: float, outer_m: float, low_m: float, high_m: float, count: int
 ) -> list[NDArray[np.float64]]:
     """Corners (8, 3) of the convex pieces that together are a tube about z between two heights."""
-    angles = np.linspace(0, 2 * np.pi, count + 1)
-    return [
-        np.array(
-            [
-                (radius * np.cos(angle), radius * np.sin(angle), z)
-                for angle in edges
-                for radius in (inner_m, outer_m)
-                for z in (low_m, high_m)
-            ]
-        )
-        for edges in pairwise(angles)
+    pieces = [
+        product(edges, (inner_m, outer_m), (low_m, high_m))
+        for edges in pairwise(np.linspace(0, 2 * np.pi, count + 1))
     ]
+    return [np.array([(r * np.cos(angle), r * np.sin(angle), z) for angle, r, z in each]) for each in pieces]
