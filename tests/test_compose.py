@@ -10,10 +10,10 @@ import pytest
 from omegaconf import OmegaConf
 
 from rf_exp.compose import compose, things_of, written
-from rf_exp.compose.composing import loaded
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
+from rf_exp.tasks import load_task
 from rf_exp.tasks.shared.jobs import Job
 from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.datagen.language_server import LanguageServer, Reply, completion
@@ -146,7 +146,7 @@ def test_the_expert_does_what_the_sentence_says(tmp_path: Path, monkeypatch: pyt
     composed = compose(BOTH, THINGS, "both_in", "rf_composed.both_in")
     written(composed, tmp_path / "rf_composed")
     monkeypatch.syspath_prepend(tmp_path)
-    task = loaded(composed)
+    task = load_task(composed.name, composed.node)
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     outcome = make_episode(settings, NO_PICTURES, 0)
     assert outcome.success and not outcome.contacts, outcome.reason

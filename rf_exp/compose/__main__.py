@@ -22,13 +22,13 @@ from omegaconf.errors import OmegaConfBaseException
 
 from rf_exp import datagen, laws
 from rf_exp.command import guarded
-from rf_exp.compose.composing import Composed, compose, loaded, written
+from rf_exp.compose.composing import Composed, compose, written
 from rf_exp.compose.wording import worded
 from rf_exp.datagen.brain import BrainSpec, OpenAIChat, OpenAISpec, ScriptedSpec, read_brain
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.installed import CONF
 from rf_exp.progress import console
-from rf_exp.tasks import Task
+from rf_exp.tasks import Task, load_task
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
 KEYS = {"objects": None, "name": "composed", "out": "composed", "episodes": 3, "brain": None}
@@ -36,11 +36,8 @@ BRAINS = ("openai",)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        "python -m rf_exp.compose",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("python -m rf_exp.compose", description=__doc__, formatter_class=raw)
     parser.add_argument("sentence")
     parser.add_argument("keys", nargs="*", metavar="KEY=VALUE")
     said = parser.parse_args()
@@ -53,7 +50,7 @@ def main() -> None:
         f"{len(composed.said.jobs)} jobs for {composed.said.arms} arms; wrote {config} and {module}"
     )
     sys.path.insert(0, str(Path.cwd()))
-    task = loaded(composed)
+    task = load_task(composed.name, composed.node)
     broken = _laws(task)
     failed = _expert(task, int(given["episodes"]))
     search = f'"hydra.searchpath=[file://$PWD/{folder}/conf]"'

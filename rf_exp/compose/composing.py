@@ -15,7 +15,7 @@ from rf_exp.artifacts import write_text
 from rf_exp.compose.layout import laid_out
 from rf_exp.compose.sentence import Sentence, read
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks import Task, assets, load_task
+from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.shared import circle
 
@@ -92,11 +92,8 @@ def things_of(objects: Iterable[str]) -> dict[str, Mapping[str, Any]]:
     known, found = assets.available(), dict[str, Mapping[str, Any]]()
     for entry in entries:
         name, _, kind = entry.rpartition(":")
-        kind = (
-            kind
-            if name
-            else next((each for each in known if entry in (each,) or entry.endswith(f"_{each}")), entry)
-        )
+        if not name:
+            kind = next((each for each in known if entry == each or entry.endswith(f"_{each}")), entry)
         if kind not in known:
             raise choices("object", entry, known)
         name, options = name or entry, dict[str, Any]()
@@ -154,7 +151,7 @@ def _understood(
 ) -> tuple[Sentence, Mapping[str, Mapping[str, Any]]]:
     """What the sentence says of things as they are, or of the simplest variants of which it says anything."""
     variants = [({}, *VARIANTS.get(each["asset"], ())) for each in specs.values()]
-    error: ArgumentError | None = None
+    errors: list[ArgumentError] = []
     for chosen in sorted(product(*variants), key=lambda each: sum(map(len, each))):
         changed = {
             name: {**spec, "options": {**spec["options"], **more}}
@@ -163,9 +160,8 @@ def _understood(
         try:
             return read(text, _built(changed)), changed
         except ArgumentError as refused:
-            error = refused
-    assert error is not None
-    raise error
+            errors.append(refused)
+    raise errors[-1]
 
 
 def _built(specs: Mapping[str, Mapping[str, Any]]) -> dict[str, Asset]:
@@ -175,17 +171,13 @@ def _built(specs: Mapping[str, Mapping[str, Any]]) -> dict[str, Asset]:
 def written(composed: Composed, folder: Path) -> tuple[Path, Path]:
     """Writes the two files below a folder, and gives their paths. Raises ArgumentError where one is there."""
     paths = folder / "conf" / "task" / f"{composed.name}.yaml", folder / f"{composed.name}.py"
-    for path, content in zip(paths, (composed.yaml, composed.module), strict=True):
+    contents = dict(zip(paths, (composed.yaml, composed.module), strict=True))
+    for path, content in contents.items():
         if path.exists() and path.read_text("utf-8") != content:
             raise ArgumentError(
                 f"{path} is there already and is another; choose another name=NAME or out=FOLDER"
             )
-    for path, content in zip(paths, (composed.yaml, composed.module), strict=True):
+    for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, content)
     return paths
-
-
-def loaded(composed: Composed) -> Task:
-    """The task, once its module can be imported. Raises ArgumentError as `load_task` does."""
-    return load_task(composed.name, composed.node)

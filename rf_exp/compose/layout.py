@@ -32,22 +32,14 @@ def laid_out(
         name: {**specs[name], "x_m": float((k - (len(fixed) - 1) / 2) * TARGETS_M), "y_m": 0.0}
         for k, name in enumerate(fixed)
     }
-    around_m = (
-        max(
-            [
-                _half_m(things[fix]) + _half_m(things[name]) + APART_M + 2 * JITTER_M
-                for fix in fixed
-                for name in moved
-            ],
-            default=0.0,
-        )
-        + TARGETS_M * (len(fixed) - 1) / 2
-    )
+    widest_m, off_m = max(_half_m(things[name]) for name in moved), 2 * JITTER_M
+    room_m = max(_half_m(things[name]) for name in fixed) + widest_m + APART_M + off_m if fixed else 0.0
+    around_m = room_m + TARGETS_M * (len(fixed) - 1) / 2
     # One arm reaches the half of the circle before it.
     span = np.pi if said.arms == 1 else 2 * np.pi
     first = -np.pi + np.pi / (2 * len(moved)) if said.arms == 1 else circle.angle_rad(1, 1) + np.pi / 4
     angles = first + span * np.arange(len(moved)) / len(moved)
-    wide_m = 2 * max(_half_m(things[name]) for name in moved) + APART_M + 2 * JITTER_M
+    wide_m = 2 * widest_m + APART_M + off_m
     if len(moved) > 1:
         around_m = max(around_m, wide_m / 2 / np.sin(span / len(moved) / 2))
     bases = np.array([[robot["x_m"], robot["y_m"]] for robot in circle.robots(said.arms, radius_m)])

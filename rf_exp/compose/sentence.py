@@ -41,7 +41,6 @@ _PASSIVE = re.compile(
 _SPLIT = re.compile(
     r"\s*(?:[;.,]\s*(?:and\s+)?(?P<one>then\b|after that\b|afterwards\b)?|\band then\b|\bthen\b)\s*"
 )
-_QUANTITY = re.compile(r"(?:(?P<all>all|every|each|everything)|(?P<number>\w+))?(?: ?the)? ?(?P<noun>.+)?")
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def read(text: str, things: Mapping[str, Asset]) -> Sentence:
         arms = max(arms, _arms(said, clause))
         names = _named(said["what"], things, clause)
         stacks = "stacks" in said
-        target = _target(said, things, jobs, clause, names, stacks)
+        target = _target(said, things, jobs, clause, names)
         agent = int(said["agent"]) if "agent" in said else ANYBODY
         new: list[Job] = []
         for name in names:
@@ -171,7 +170,6 @@ def _target(
     jobs: Sequence[Job],
     clause: str,
     names: Sequence[str],
-    stacks: bool,
 ) -> str:
     """Where it is put; without a word where the clause before has put things."""
     if "target" in said:
@@ -191,20 +189,14 @@ def _point(
     target: str, things: Mapping[str, Asset], preposition: str, jobs: Sequence[Job], name: str, clause: str
 ) -> str:
     """The point of the target for one thing more, which is free."""
-    inside = preposition in ("into", "inside", "in")
-    kind = "drop" if inside else "place"
+    kind, into = ("drop", "into") if preposition in ("into", "inside", "in") else ("place", "on")
     points = [label for label, point in things[target].points.items() if point.kind == kind]
     taken = {job.point: job.thing for job in jobs if job.target == target}
     free = [label for label in points if label not in taken]
     if not points:
-        other = {"drop": "into", "place": "on"}
-        able = [
-            known for known, asset in things.items() if any(p.kind == kind for p in asset.points.values())
-        ]
-        raise ArgumentError(
-            f"{clause!r}: nothing can be put {other[kind]} {target}; what it can: "
-            f"{', '.join(able) or 'nothing'}"
-        )
+        kinds = {known: {point.kind for point in asset.points.values()} for known, asset in things.items()}
+        able = ", ".join(known for known, has in kinds.items() if kind in has) or "nothing"
+        raise ArgumentError(f"{clause!r}: nothing can be put {into} {target}; what it can: {able}")
     if not free:
         raise ArgumentError(
             f"{clause!r}: {name} has no place {preposition} {target}, which takes {len(points)}: there is "

@@ -12,7 +12,7 @@ from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings, Unreac
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
 from rf_exp.gallery import play
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, nearest
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, nearest
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
@@ -50,10 +50,6 @@ class Law:
 def starts_differ(world: Simulator) -> Broken:
     task = world.task
     starts = [task.start(seed) for seed in range(100)]
-
-    def different(values: list[NDArray[np.float64] | float]) -> int:
-        return len({np.asarray(value).round(9).tobytes() for value in values})
-
     drawn: dict[str, list[NDArray[np.float64] | float]] = {
         "places of objects": [np.stack(list(start.poses.values())) for start in starts],
         "light": [start.light for start in starts],
@@ -63,7 +59,7 @@ def starts_differ(world: Simulator) -> Broken:
     for name in task.objects:
         drawn[f"colour of {name}"] = [start.tints[name] for start in starts]
     for what, values in drawn.items():
-        if (count := different(values)) < len(starts):
+        if (count := len({np.asarray(value).round(9).tobytes() for value in values})) < len(starts):
             yield f"{what}: {count} of {len(starts)}"
 
 
@@ -72,7 +68,9 @@ def nothing_stands_in_anything(world: Simulator) -> Broken:
     for seed in range(50):
         scene = task.start(seed).scene
         planning_scene = PlanningScene(task, scene)
-        things = {name: _solid(planning_scene, name) for name in task.objects if task.asset(name).hulls}
+        standing = {name: planning_scene.standing([name]) for name in task.objects if task.asset(name).hulls}
+        # Each as what may touch nothing, unlike one that lies on another.
+        things = {name: replace(thing, objects=frozenset()) for name, thing in standing.items()}
         for (one, a), (other, b) in combinations(things.items(), 2):
             if (gap_m := nearest(a, b).distance_m) <= -RESTING_M:
                 yield f"seed {seed}: {one} and {other} overlap by {-1000 * gap_m:.1f} mm"
@@ -87,11 +85,6 @@ def nothing_stands_in_anything(world: Simulator) -> Broken:
         for a, b in combinations(task.agents, 2):
             if (gap_m := planning_scene.between(a, b).distance_m) <= AGENT_MARGIN_M:
                 yield f"seed {seed}: agents {a} and {b} are {1000 * gap_m:.1f} mm apart"
-
-
-def _solid(planning_scene: PlanningScene, name: str) -> Swept:
-    """An object that may touch nothing, unlike one that lies on another."""
-    return replace(planning_scene.standing([name]), objects=frozenset())
 
 
 def nothing_moves_by_itself(world: Simulator) -> Broken:
