@@ -12,3 +12,4 @@ from .robot import Finger as Finger
 from .robot import Hand as Hand
 from .robot import Inverse as Inverse
 from .robot import Robot as Robot
+from .urdf import placement as placement

@@ -100,7 +100,6 @@ class ClosedForm:
     def __init__(self, _: "Robot") -> None: ...
 
     def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
-        """See `Inverse`."""
         return postures(base_from_tcp, last_rad, limits_rad, self.lengths)
 
     def facing(self, base_from_tcp: Floats) -> Floats:
@@ -132,7 +131,6 @@ class XArm7ClosedForm(ClosedForm):
     lengths = XARM7
 
     def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
-        """See `Inverse`."""
         low, high = limits = limits_rad.copy()
         limits[:, 3] -= np.pi
         low[5], high[5] = np.pi - high[5], np.pi - low[5]

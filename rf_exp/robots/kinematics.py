@@ -171,7 +171,6 @@ class Numeric:
         self._ahead_rad = float(np.arctan2(y, x)) - rest[0]  # of the TCP at rest, from the first joint
 
     def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
-        """See `Inverse`."""
         pose, last = np.asarray(base_from_tcp, dtype=float), np.asarray(last_rad, dtype=float)
         spare = self._chain.dof > self._free
         shape = np.broadcast_shapes(pose.shape[:-2], last.shape)

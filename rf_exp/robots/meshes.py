@@ -8,7 +8,7 @@ thousand; the colours stay, as does the collision geometry. What is no GLB file 
 import hashlib
 import os
 import shutil
-from functools import cache
+from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -20,9 +20,7 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.visual import TextureVisuals
 
-from rf_exp.artifacts import whole
-from rf_exp.errors import StageError
-from rf_exp.robots.mounted import REMEDY, cache_home
+from rf_exp.robots.mounted import cache_home, cached
 from rf_exp.robots.urdf import placement, root_of, shape
 from rf_exp.transforms import apply
 
@@ -65,19 +63,9 @@ def light_urdf(robot: "Robot") -> Path:
 
     Raises StageError when the cache folder cannot be written.
     """
-    target = cache_folder(robot)
-    if not is_made(robot, target):
-        try:
-            with whole(target) as draft:
-                draft.mkdir()
-                _make(robot, draft, target)
-        except OSError as error:
-            # Of several processes that make it the first wins, the others find it complete.
-            if not is_made(robot, target):
-                raise StageError(
-                    f"cannot write the mesh cache {target}: {error.strerror or error}; {REMEDY}"
-                ) from error
-    return target / robot.urdf_path.name
+    folder = cache_folder(robot)
+    make = partial(_make, robot, final=folder)
+    return cached(folder / robot.urdf_path.name, f"mesh cache {folder}", make)
 
 
 @cache
@@ -91,12 +79,10 @@ def light_meshes(robot: "Robot") -> dict[str, LinkMesh]:
         parts = [_drawn(visual, robot) for visual in link.findall("visual")]
         if not parts:
             continue
-        firsts = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts)])
-        meshes[link.attrib["name"]] = (
-            np.concatenate([vertices for vertices, _, _ in parts]),
-            np.concatenate([faces + first for (_, faces, _), first in zip(parts, firsts, strict=False)]),
-            np.concatenate([colours for _, _, colours in parts]),
-        )
+        vertices, faces, colours = zip(*parts, strict=True)
+        firsts = np.cumsum([0, *map(len, vertices[:-1])])
+        moved = [each + first for each, first in zip(faces, firsts, strict=True)]
+        meshes[link.attrib["name"]] = np.concatenate(vertices), np.concatenate(moved), np.concatenate(colours)
     return meshes
 
 
@@ -105,7 +91,8 @@ def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
     mesh = visual.find("geometry/mesh")
     if mesh is not None and mesh.attrib["filename"].endswith(GLB):
         pieces = _pieces(Path(mesh.attrib["filename"]))
-        colours = [_material(piece).baseColorFactor[:3] / 255 for piece in pieces]
+        factors = [_material(piece).baseColorFactor for piece in pieces]  # of GLB, white where there is none
+        colours = [(1.0, 1.0, 1.0) if factor is None else factor[:3] / 255 for factor in factors]
     else:
         pieces = [shape(visual, robot.urdf_path.parent, robot.name)]
         colours = [GREY]

@@ -8,7 +8,7 @@ give the same bytes on every machine.
 import hashlib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
@@ -49,10 +49,6 @@ class Mounted:
         """The URDF of both. Raises StageError where a part is missing, and where it cannot be kept."""
         return _made(self)
 
-    def parts(self) -> tuple[Path, Path]:
-        """The URDFs of arm and hand. Raises StageError for what is not installed."""
-        return located(self.arm, self.extra), located(self.hand, self.extra)
-
 
 def located(urdf: str | Path, extra: str = "") -> Path:
     """The file. Raises StageError where the package that it lies in is not installed."""
@@ -80,6 +76,23 @@ def cache_home() -> Path:
         raise StageError(f"there is no place for the mesh cache: {error}; {REMEDY}") from error
 
 
+def cached(path: Path, what: str, make: Callable[[Path], None]) -> Path:
+    """A file of the cache, of whose folder `make` fills a draft where it is missing.
+
+    Raises StageError where it cannot be written.
+    """
+    if not os.access(path, os.R_OK):
+        try:
+            with whole(path.parent) as draft:
+                draft.mkdir()
+                make(draft)
+        except OSError as error:
+            # Of several processes that make it the first wins, the others find it complete.
+            if not os.access(path, os.R_OK):
+                raise StageError(f"cannot write the {what}: {error.strerror or error}; {REMEDY}") from error
+    return path
+
+
 def _missing(package: str, extra: str) -> StageError:
     remedy = f"run: pip install 'rf_exp[{extra}]'" if extra else "run `make setup`"
     return StageError(f"the package {package} is not installed; {remedy}")
@@ -87,28 +100,22 @@ def _missing(package: str, extra: str) -> StageError:
 
 @cache
 def _made(mounted: Mounted) -> Path:
-    arm, hand = mounted.parts()
+    arm, hand = located(mounted.arm, mounted.extra), located(mounted.hand, mounted.extra)
     root = _joined(mounted, arm, hand)
     sources = {name: source for name, source, _ in _meshes(root, arm, hand)}
     digest = hashlib.sha256(repr((LAYOUT, mounted)).encode() + ElementTree.tostring(root))
     for name, source in sorted(sources.items()):
         digest.update(name.encode() + source.read_bytes())
     target = cache_home() / digest.hexdigest()[:16] / f"{root.attrib['name']}.urdf"
-    if not target.exists():
-        try:
-            with whole(target.parent) as draft:
-                draft.mkdir()
-                for name, source in sources.items():
-                    _keep(source, draft / name, mounted)
-                for name, _, mesh in _meshes(root, arm, hand):
-                    mesh.set("filename", name)
-                ElementTree.ElementTree(root).write(draft / target.name)
-        except OSError as error:
-            # Of several processes that make it the first wins, the others find it complete.
-            if not target.exists():
-                why = error.strerror or error
-                raise StageError(f"cannot write the URDF {target}: {why}; {REMEDY}") from error
-    return target
+
+    def make(draft: Path) -> None:
+        for name, source in sources.items():
+            _keep(source, draft / name, mounted)
+        for name, _, mesh in _meshes(root, arm, hand):
+            mesh.set("filename", name)
+        ElementTree.ElementTree(root).write(draft / target.name)
+
+    return cached(target, f"URDF {target}", make)
 
 
 def _joined(mounted: Mounted, arm: Path, hand: Path) -> Element:
@@ -122,7 +129,7 @@ def _joined(mounted: Mounted, arm: Path, hand: Path) -> Element:
     ElementTree.SubElement(screwed, "parent", link=mounted.flange)
     ElementTree.SubElement(screwed, "child", link=mounted.root)
     ElementTree.SubElement(screwed, "origin", xyz="0 0 0", rpy=" ".join(map(repr, mounted.rpy)))
-    root.extend(deepcopy(each) for each in _kept(below, _behind(below, mounted.root)))
+    root.extend(map(deepcopy, _kept(below, _behind(below, mounted.root))))
     for origin in root.iter("origin"):
         angles = np.array(origin.get("rpy", "0 0 0").split(), dtype=float)
         quarters = np.round(angles / (np.pi / 2)) * (np.pi / 2)
@@ -135,7 +142,7 @@ def _kept(root: Element, links: set[str]) -> Iterator[Element]:
     """The links of these names, and the joints between them."""
     for each in root:
         if (each.tag == "link" and each.attrib["name"] in links) or (
-            each.tag == "joint" and {*_ends(each)} <= links
+            each.tag == "joint" and {*ends(each)} <= links
         ):
             yield each
 
@@ -145,12 +152,12 @@ def _behind(root: Element, link: str) -> set[str]:
     if link not in {each.attrib["name"] for each in root.findall("link")}:
         raise ArgumentError(f"the URDF of {root.get('name')!r} has no link {link!r}")
     found = {link}
-    while grown := {child for parent, child in map(_ends, root.findall("joint")) if parent in found} - found:
+    while grown := {child for parent, child in map(ends, root.findall("joint")) if parent in found} - found:
         found |= grown
     return found
 
 
-def _ends(joint: Element) -> tuple[str, str]:
+def ends(joint: Element) -> tuple[str, str]:
     """The links that a joint lies between."""
     parent, child = joint.find("parent"), joint.find("child")
     assert parent is not None and child is not None  # URDF asks for both

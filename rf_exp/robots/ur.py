@@ -46,7 +46,6 @@ class UR5ClosedForm:
         return np.full(np.shape(base_from_tcp)[:-2], self._rest[-1])
 
     def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
-        """See `Inverse`."""
         last = np.asarray(last_rad, dtype=float)
         pose = np.asarray(base_from_tcp, dtype=float) @ self._tcp_from_flange
         shape = np.broadcast_shapes(pose.shape[:-2], last.shape)

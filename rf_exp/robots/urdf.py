@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError
+from rf_exp.robots.mounted import ends
 from rf_exp.transforms import Matrix, apply, transform
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
 
 
 def placement(element: Element) -> Matrix:
-    """The (4, 4) pose of a shape in its link; URDF angles are roll, pitch, yaw about fixed axes."""
+    """The (4, 4) pose of a shape or joint in its link; angles are roll, pitch, yaw about fixed axes."""
     origin = element.find("origin")
     if origin is None:
         return transform()
@@ -139,17 +140,13 @@ def shape(element: Element, folder: Path, robot: str) -> trimesh.Trimesh:
 
 def _solid_parents(robot: "Robot") -> dict[str, str]:
     """Solid link -> the solid link that is the nearest above it; what is between them has no shapes."""
-    above = {}
-    for joint in root_of(robot).findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        assert parent is not None and child is not None  # Pinocchio has read it
-        above[child.attrib["link"]] = parent.attrib["link"]
+    above = {child: parent for parent, child in map(ends, root_of(robot).findall("joint"))}
     solid, found = set(solid_links(robot)), {}
-    for link in solid:
-        parent = above.get(link)
-        while parent is not None and parent not in solid:
-            parent = above.get(parent)
-        if parent is not None:
+    for link in solid & {*above}:
+        parent = above[link]
+        while parent not in solid and parent in above:
+            parent = above[parent]
+        if parent in solid:
             found[link] = parent
     return found
 

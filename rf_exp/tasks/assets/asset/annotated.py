@@ -97,9 +97,8 @@ def read_annotation(path: Path) -> Mapping[str, Any]:
     said = said if isinstance(said, dict) else {}
     scale = _array(said.get("scale"))
     if scale.shape != (3,) or not (scale > 0).all():
-        keys = ", ".join(printable(key, 40) for key in [*said][:8]) or "none"
         raise ArgumentError(
-            f"annotation {path} has no scale of three numbers above 0; its keys are {keys}, and expected are "
+            f"annotation {path} has no scale of three numbers above 0; {_keys(said)}, and expected are "
             "scale, contact_points_pose, functional_matrix and target_pose"
         )
     return {**said, "scale": scale}
@@ -163,8 +162,7 @@ def _annotated(
     key, number = where
     listed = said.get(key)
     if not isinstance(listed, list) or len(listed) <= number:
-        keys = ", ".join(printable(each, 40) for each in [*said][:8])
-        has = f"has {len(listed)} of them" if isinstance(listed, list) else f"its keys are {keys}"
+        has = f"has {len(listed)} of them" if isinstance(listed, list) else _keys(said)
         raise ArgumentError(f"annotation {path} lacks number {number} of {key}; {has}")
     pose = _array(listed[number])
     if pose.shape != (4, 4) or abs(np.linalg.det(pose[:3, :3]) - 1) > 0.01:
@@ -192,12 +190,8 @@ def _as_wide(path: Path, name: str, point: InteractionPoint, made: Asset) -> Int
         return point
     tcp_from_object = inverse(point.object_from_tcp)
     offsets = [(x, z) for x in (-PAD_M, 0.0, PAD_M) for z in (-PAD_M, 0.0, PAD_M)]
-    ends = [
-        end
-        for hull in made.hulls
-        for x, z in offsets
-        if (end := _crossed(hull, tcp_from_object, x, z)) is not None
-    ]
+    crossed = [_crossed(hull, tcp_from_object, x, z) for hull in made.hulls for x, z in offsets]
+    ends = [each for each in crossed if each is not None]
     if not ends:
         raise ArgumentError(f"annotation {path}: there is nothing to grasp at {name!r}; is its scale right?")
     width_m = 2 * float(np.abs(ends).max())
@@ -220,6 +214,10 @@ def _crossed(hull: trimesh.Trimesh, tcp_from_object: Matrix, x: float, z: float)
     ahead, behind = along > 1e-9, along < -1e-9
     ends = [(left[behind] / along[behind]).max(), (left[ahead] / along[ahead]).min()]
     return ends if ends[0] < ends[1] else None
+
+
+def _keys(said: Mapping[str, Any]) -> str:
+    return f"its keys are {', '.join(printable(each, 40) for each in [*said][:8]) or 'none'}"
 
 
 def _array(value: object) -> NDArray[np.float64]:

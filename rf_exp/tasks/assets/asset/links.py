@@ -6,11 +6,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError
+from rf_exp.robots import placement
 from rf_exp.texts import printable
-from rf_exp.transforms import Matrix, transform
+from rf_exp.transforms import Matrix
 
 Element = ElementTree.Element
 TURNS = ("revolute", "continuous")
@@ -66,7 +66,7 @@ class _Links:
                 mesh = _child(_child(visual, "geometry"), "mesh")
                 scale = np.array(mesh.attrib.get("scale", "1 1 1").split(), float)
                 path = self._path.parent / mesh.attrib["filename"]
-                found.append(Visual(path, root_from_link @ _origin(visual), scale))
+                found.append(Visual(path, root_from_link @ placement(visual), scale))
         return found, axis
 
     def _placed(self, link: str, below: int = 0) -> tuple[Matrix, bool]:
@@ -76,7 +76,7 @@ class _Links:
         if below > len(self._joints):
             raise ValueError("its joints go round in a circle")
         parent, moved = self._placed(_child(joint, "parent").attrib["link"], below + 1)
-        return parent @ _origin(joint), moved or joint.attrib["type"] != "fixed"
+        return parent @ placement(joint), moved or joint.attrib["type"] != "fixed"
 
 
 def _child(node: Element, name: str) -> Element:
@@ -84,14 +84,6 @@ def _child(node: Element, name: str) -> Element:
     if found is None:
         raise ValueError(f"<{node.tag}> has no <{name}>")
     return found
-
-
-def _origin(node: Element) -> Matrix:
-    """Where something is in the frame of what holds it: turns about the fixed x, then y, then z axis."""
-    origin = node.find("origin")
-    said = {} if origin is None else origin.attrib
-    xyz, rpy = (np.array(said.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
-    return transform(xyz, Rotation.from_euler("xyz", rpy))
 
 
 def _axis(joint: Element, root_from_link: Matrix) -> Axis:
