@@ -78,9 +78,8 @@ class Devices:
         if camera == self._dark:
             return np.zeros_like(picture)
         gain = self._how.gain
-        rng = np.random.default_rng(
-            [self._seed, FLICKER, step, *self._copy]
-        )  # of all cameras: the lamp flickers
+        # Of all cameras: the lamp flickers.
+        rng = np.random.default_rng([self._seed, FLICKER, step, *self._copy])
         if rng.uniform() < self._how.flicker:
             gain *= 1.0 + rng.uniform(-FLICKERS, FLICKERS)
         seen = picture.astype(np.float32) * np.float32(gain)

@@ -92,13 +92,13 @@ class TableEnv(BaseEnv):
     SUPPORTED_OBS_MODES = ("none", "state", "rgb")
     SUPPORTED_REWARD_MODES = ("none",)
 
-    def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render_backend: str) -> None:
+    def __init__(self, task: Task, size_px: tuple[int, int], render_backend: str) -> None:
         _freeze_modules()
         self._usual = self.task = task  # as configured, and as it stands in the scene of the seed
         self.copy = 0  # of the scene of a seed that is built next
         # Of the seed that was reset last; ManiSkill resets once before anybody asks it to.
         self.start, self.actors, self.clutter = task.start(0), dict[str, Actor](), dict[str, Actor]()
-        self._size_px = (width_px, height_px)
+        self._size_px = size_px
         super().__init__(
             obs_mode="none",
             reward_mode="none",
@@ -111,11 +111,8 @@ class TableEnv(BaseEnv):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(
-            sim_freq=PHYSICS_HZ,
-            control_freq=CONTROL_HZ,
-            scene_config=SceneConfig(contact_offset=CONTACT_OFFSET_M),
-        )
+        scene = SceneConfig(contact_offset=CONTACT_OFFSET_M)
+        return SimConfig(sim_freq=PHYSICS_HZ, control_freq=CONTROL_HZ, scene_config=scene)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -123,19 +120,8 @@ class TableEnv(BaseEnv):
         for name, camera in self.task.cameras.items():
             hand: Any = self.hand(int(name.removeprefix("agent"))) if camera.mount == "wrist" else None
             pose: Any = objects.sapien_pose(self.task.parent_from_camera(name) @ OPENCV_FROM_SAPIEN)
-            configs.append(
-                CameraConfig(
-                    uid=name,
-                    pose=pose,
-                    width=self._size_px[0],
-                    height=self._size_px[1],
-                    fov=float(np.deg2rad(camera.fov_deg)),
-                    near=NEAR_M,
-                    far=FAR_M,
-                    shader_config=shader_config(),
-                    mount=hand,
-                )
-            )
+            frustum = *self._size_px, float(np.deg2rad(camera.fov_deg)), NEAR_M, FAR_M
+            configs.append(CameraConfig(name, pose, *frustum, mount=hand, shader_config=shader_config()))
         return configs
 
     def _setup_sensors(self, options: dict) -> None:
@@ -154,12 +140,9 @@ class TableEnv(BaseEnv):
         return self.arms[agent - 1].robot.links_map[self.task.robots[agent - 1].model.hand.link]
 
     def rows(self) -> list[Rows]:
-        """How the joints of each arm are told of, in the order of the task."""
-        size = self.task.dof + FINGERS
-        return [
-            Rows(robot.model, [joint.name for joint in arm.robot.active_joints], size)
-            for robot, arm in zip(self.task.robots, self.arms, strict=True)
-        ]
+        """The joints of each arm, in the order of the task."""
+        arms, size = zip(self.task.robots, self.arms, strict=True), self.task.dof + FINGERS
+        return [Rows(robot.model, arm.robot, size) for robot, arm in arms]
 
     def _load_agent(self, options: dict, *_: object, **__: object) -> None:
         seed = int(self._episode_seed[0])
@@ -199,9 +182,6 @@ class TableEnv(BaseEnv):
             self.scene.add_directional_light([*lamp.direction], [*lamp.colour])
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
-        for arm, rows, row in zip(self.arms, self.rows(), self.start.qpos, strict=True):
-            robot: physx.PhysxArticulation = arm.robot._objs[0]
-            qpos = rows.active(row)
-            robot.set_qpos(qpos.astype(np.float32))
-            for joint, value in zip(robot.active_joints, qpos, strict=True):
-                joint.set_drive_target(value)  # else it would start towards zero
+        for rows, row in zip(self.rows(), self.start.qpos, strict=True):
+            rows.place(row)
+            rows.drive(row)  # else it would start towards zero

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import groupby
+from itertools import groupby, product
 from typing import Any, cast
 
 import numpy as np
@@ -109,14 +109,8 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
     for key, group in groupby(sorted((part for part in asset.parts if part.seen), key=finish), key=finish):
         shaded = [trimesh.graph.smooth_shade(part.mesh, angle=SMOOTH_RAD) for part in group]
         mesh = cast(trimesh.Trimesh, trimesh.util.concatenate(shaded))
-        made.append(
-            Surface(
-                np.asarray(mesh.vertices, np.float32),
-                np.asarray(mesh.faces, np.uint32),
-                np.asarray(mesh.vertex_normals, np.float32),
-                *key,
-            )
-        )
+        vertices, normals = (np.asarray(each, np.float32) for each in (mesh.vertices, mesh.vertex_normals))
+        made.append(Surface(vertices, np.asarray(mesh.faces, np.uint32), normals, *key))
     return tuple(made)
 
 
@@ -199,13 +193,8 @@ def _table() -> Asset:
     x, y, thick = np.array(TABLE_M) / 2
     cx, cy = TABLE_CENTRE_M
     leg = (-FLOOR_Z_M - 2 * thick) / 2
-    legs = [
-        Part.box(
-            (0.04, 0.04, leg), transform((cx + sx * (x - 0.1), cy + sy * (y - 0.1), FLOOR_Z_M + leg)), LEG
-        )
-        for sx in (-1, 1)
-        for sy in (-1, 1)
-    ]
+    ends = product((cx - (x - 0.1), cx + (x - 0.1)), (cy - (y - 0.1), cy + (y - 0.1)))
+    legs = [Part.box((0.04, 0.04, leg), transform((*end, FLOOR_Z_M + leg)), LEG) for end in ends]
     floor = Part.box((WALL_M, WALL_M, 0.05), transform((0, 0, FLOOR_Z_M - 0.05)), FLOOR)
     walls = [
         Part.box((0.05, WALL_M, 1.5), turn @ transform((WALL_M, 0, FLOOR_Z_M + 1.5)), WALL, solid=False)

@@ -12,8 +12,9 @@ from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPos
 from mani_skill.agents.registration import register_agent
 from mani_skill.utils.building.articulation_builder import ArticulationBuilder
 from mani_skill.utils.sapien_utils import apply_urdf_config, parse_urdf_config
-from mani_skill.utils.structs import Pose
+from mani_skill.utils.structs import Articulation, Pose
 from numpy.typing import NDArray
+from sapien import physx
 
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import Robot, light_urdf
@@ -73,13 +74,8 @@ class Agent(BaseAgent):
     def _controller_configs(self) -> dict:
         hand = self.model.hand
         joints = [joint for finger in hand.fingers for joint in finger.joints]
-        arm = PDJointPosControllerConfig(
-            list(self.model.joints),
-            lower=None,
-            upper=None,
-            normalize_action=False,
-            **asdict(self.model.drive),
-        )
+        joints_of_arm, drive = [*self.model.joints], asdict(self.model.drive)
+        arm = PDJointPosControllerConfig(joints_of_arm, None, None, normalize_action=False, **drive)
         low, high = sorted(hand.fingers[0].position(each) for each in (hand.pressed_m, hand.open_m))
         mimic: Any = {joint: {"joint": joints[0]} for joint in joints[1:]}
         gripper = PDJointPosMimicControllerConfig(
@@ -89,15 +85,18 @@ class Agent(BaseAgent):
 
 
 class Rows:
-    """The joints of a robot in SAPIEN's order, as rows of the suite and back.
+    """The joints of an arm in SAPIEN's order, read and told as rows of the suite.
 
-    `names` are its active joints; rows of measured joints are as long as `size` says. Raises ArgumentError
-    for joints that are neither of the arm nor of a finger, and for fingers without one.
+    Rows of measured joints are as long as `size` says. Raises ArgumentError for joints that are neither of
+    the arm nor of a finger, and for fingers without one.
     """
 
-    def __init__(self, robot: Robot, names: Sequence[str], size: int) -> None:
+    def __init__(self, robot: Robot, found: Articulation, size: int) -> None:
         self._robot, self._size = robot, size
-        fingers = robot.hand.fingers
+        self.arm: physx.PhysxArticulation = found._objs[0]
+        self._joints = self.arm.active_joints
+        # SAPIEN's names begin with those of the scene and of the agent.
+        names, fingers = [joint.name for joint in found.active_joints], robot.hand.fingers
         if {*names} != {*robot.active} or not all(finger.joints for finger in fingers):
             raise ArgumentError(
                 f"robot {robot.name!r} has the joints {', '.join(names)} in simulation; expected those of "
@@ -110,28 +109,37 @@ class Rows:
         columns |= {joint: k - FINGERS for k, finger in enumerate(fingers) for joint in finger.joints}
         self._told = [columns[name] for name in names]
 
-    def qpos(self, values: NDArray[np.floating]) -> Floats:
-        """(D,) rad and metres, of all active joints."""
-        row = self._row(values)
+    def qpos(self) -> Floats:
+        """(D,) rad and metres, as measured."""
+        row = self._row(self.arm.qpos)
         row[-FINGERS:] = (row[-FINGERS:] - self._closed) / self._per_m
         return row
 
-    def qvel(self, values: NDArray[np.floating]) -> Floats:
-        """(D,) rad/s and m/s, of all active joints."""
-        row = self._row(values)
+    def qvel(self) -> Floats:
+        """(D,) rad/s and m/s, as measured."""
+        row = self._row(self.arm.qvel)
         row[-FINGERS:] /= self._per_m
         return row
 
-    def active(self, row: Floats) -> Floats:
+    def place(self, row: Floats) -> None:
+        """Puts the joints where a row (D,) of measured ones has them."""
+        self.arm.set_qpos(self._active(row).astype(np.float32))
+
+    def drive(self, row: Floats) -> None:
+        """Sends the joints to where a row (D,) of measured ones has them."""
+        for joint, value in zip(self._joints, self._active(row).tolist(), strict=True):
+            joint.set_drive_target(value)
+
+    def command(self, command: Floats) -> None:
+        """Sends the joints to where a command (D - 1,) says."""
+        finger_m = self._robot.hand.told_m(command[-1])
+        self.drive(np.concatenate([command[:-1], [finger_m, finger_m]]))
+
+    def _active(self, row: Floats) -> Floats:
         """All active joints, of a row of the arm's joints and the fingers (D,)."""
         whole = row.copy()
         whole[-FINGERS:] = self._closed + self._per_m * row[-FINGERS:]
         return whole[self._told]
-
-    def targets(self, command: Floats) -> Floats:
-        """Where all active joints are sent to by a command (D - 1,)."""
-        finger_m = self._robot.hand.told_m(command[-1])
-        return self.active(np.concatenate([command[:-1], [finger_m, finger_m]]))
 
     def _row(self, values: NDArray[np.floating]) -> Floats:
         row, dof = np.zeros(self._size), self._robot.dof

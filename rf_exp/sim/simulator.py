@@ -29,10 +29,9 @@ class LoadedScene:
     """An episode's scene as SAPIEN has loaded it, and how far it is; the next reset builds all of it anew."""
 
     def __init__(self, env: TableEnv, *, draws: bool) -> None:
-        self.robots = [arm.robot._objs[0] for arm in env.arms]
-        self._joints = [robot.active_joints for robot in self.robots]
-        self.bodies = {name: actor._objs[0] for name, actor in env.actors.items()}
         self._rows = env.rows()
+        self.robots = [rows.arm for rows in self._rows]
+        self.bodies = {name: actor._objs[0] for name, actor in env.actors.items()}
         hands = [robot.model.hand for robot in env.task.robots]
         self.clutter = {name: actor._objs[0] for name, actor in env.clutter.items()}
         self._contacts = Contacts(self.robots, hands, self.bodies, self.clutter)
@@ -53,9 +52,8 @@ class LoadedScene:
         """Apply a command (N, A) for one control step. (agent, agent) -> the hardest push between them, N."""
         self.command = action.copy()
         told = self.devices.carried_out(action)
-        for joints, rows, command in zip(self._joints, self._rows, told, strict=True):
-            for joint, value in zip(joints, rows.targets(command).tolist(), strict=True):
-                joint.set_drive_target(value)
+        for rows, command in zip(self._rows, told, strict=True):
+            rows.command(command)
         pressed: dict[tuple[int, int], float] = {}
         self._knocks = {}
         for _ in range(PHYSICS_HZ // CONTROL_HZ):
@@ -73,11 +71,10 @@ class LoadedScene:
         moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
         self._poses = poses
         held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
-        arms = [*zip(self._rows, self.robots, strict=True)]
         scene = Scene(
             step=self.steps,
-            qpos=np.stack([rows.qpos(robot.qpos) for rows, robot in arms]),
-            qvel=np.stack([rows.qvel(robot.qvel) for rows, robot in arms]),
+            qpos=np.stack([rows.qpos() for rows in self._rows]),
+            qvel=np.stack([rows.qvel() for rows in self._rows]),
             poses=poses,
             # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
             speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},
@@ -91,13 +88,11 @@ class LoadedScene:
 
     def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray]) -> None:
         """Arms by their measured joints (N, D) and things by their poses, at the next control step."""
-        rows_of_arms = self.devices.true(np.asarray(qpos, float))
-        for robot, rows, row in zip(self.robots, self._rows, rows_of_arms, strict=True):
-            robot.set_qpos(rows.active(row).astype(np.float32))
+        for rows, row in zip(self._rows, self.devices.true(np.asarray(qpos, float)), strict=True):
+            rows.place(row)
         for name, pose in poses.items():
-            (self.bodies.get(name) or self.clutter[name]).set_pose(
-                sapien.Pose(pose[:3].tolist(), pose[3:].tolist())
-            )
+            body = self.bodies.get(name) or self.clutter[name]
+            body.set_pose(sapien.Pose(pose[:3].tolist(), pose[3:].tolist()))
         self.steps += 1
 
     def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
@@ -116,7 +111,7 @@ class LoadedScene:
 
     def release(self) -> None:
         """Let go of SAPIEN's bodies and cameras, so that the environment can be closed."""
-        for kept in (self.robots, self._joints, self.bodies, self.clutter, self._cameras):
+        for kept in (self.robots, self._rows, self.bodies, self.clutter, self._cameras):
             kept.clear()
 
 
@@ -143,9 +138,7 @@ class Simulator:
             _require_rendering_once()
         self._size_px = (width_px, height_px)
         self._render = render
-        self._env = TableEnv(
-            task, width_px=width_px, height_px=height_px, render_backend=_renderer()[0] if render else "none"
-        )
+        self._env = TableEnv(task, self._size_px, _renderer()[0] if render else "none")
         self._loaded = self._load(0)
 
     @property
@@ -183,10 +176,10 @@ class Simulator:
         """Apply (N, A) joint targets in rad and gripper commands in [-1, 1] for one control step."""
         action = np.asarray(action, dtype=float)
         expected = (len(self.task.robots), self.task.dof + 1)
-        if action.shape != expected or not np.isfinite(action).all():
+        finite = np.isfinite(action).all()
+        if action.shape != expected or not finite:
             raise ArgumentError(
-                f"action of shape {action.shape}"
-                f"{'' if np.isfinite(action).all() else ' with values that are not finite'}; "
+                f"action of shape {action.shape}{'' if finite else ' with values that are not finite'}; "
                 f"expected finite numbers of shape {expected}: joint targets in rad, gripper"
             )
         return self._loaded.scene(self._loaded.step(action))
@@ -224,7 +217,7 @@ class Simulator:
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
         """Numbers that `segmentation` uses: objects, clutter, `table`, `agent<k>` with all of its links."""
-        numbers = {
+        numbers: dict[str, tuple[int, ...]] = {
             name: (actor._objs[0].per_scene_id,)
             for name, actor in self._env.scene.actors.items()
             if name in self._loaded.bodies or name in self._loaded.clutter or name == "table"

@@ -79,14 +79,10 @@ class Stock:
         arms: dict[str, Any] = {agent.uid: agent} if self._single else dict(agent.agents_dict)
         models = {name: _model(name, arm) for name, arm in arms.items()}
         self._grippers = {name: _gripper(name, arm, models[name]) for name, arm in arms.items()}
-        self._robots = [arm.robot._objs[0] for arm in arms.values()]
         size = max(model.dof for model in models.values()) + FINGERS
-        self._rows = [
-            Rows(model, [joint.name for joint in arm.robot.active_joints], size)
-            for model, arm in zip(models.values(), arms.values(), strict=True)
-        ]
-        named = zip(arms.items(), models.values(), self._rows, strict=True)
-        self.arms = tuple(_arm(name, arm, model, rows) for (name, arm), model, rows in named)
+        rows = {name: Rows(models[name], arm.robot, size) for name, arm in arms.items()}
+        self._rows = [*rows.values()]
+        self.arms = tuple(_arm(name, arm, models[name], rows[name]) for name, arm in arms.items())
         found = _components(self._base, arms)
         for name in ignore:
             if name not in found:
@@ -103,7 +99,7 @@ class Stock:
         self.bodies: Mapping[str, Body] = read
         hands = [model.hand for model in models.values()]
         entities = {name: body.entity for name, body in self._bodies.items()}
-        self._contacts = Contacts(self._robots, hands, entities)
+        self._contacts = Contacts([each.arm for each in self._rows], hands, entities)
         self._seed, self._read_at = self._episode(), self._now()
         self._poses, self._measured_at = self.poses(), self._read_at
         self._speeds = dict.fromkeys(self._poses, 0.0)
@@ -130,11 +126,10 @@ class Stock:
         contacts = physics.get_contacts() if now else []
         held, pushes = self._contacts.of_fingers(contacts, physics.timestep)
         pressed = self._contacts.between_arms(contacts, physics.timestep)
-        arms = [*zip(self._rows, self._robots, strict=True)]
         return Scene(
             step=now,
-            qpos=np.stack([rows.qpos(robot.qpos) for rows, robot in arms]),
-            qvel=np.stack([rows.qvel(robot.qvel) for rows, robot in arms]),
+            qpos=np.stack([rows.qpos() for rows in self._rows]),
+            qvel=np.stack([rows.qvel() for rows in self._rows]),
             poses=poses,
             speeds=dict(self._speeds),
             held=held,
@@ -242,7 +237,7 @@ def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
     links = {link: body._objs[0] for link, body in arm.robot.links_map.items()}
     if missing := [link for link in model.links if link not in links]:
         raise ArgumentError(f"{name} is no {model.title}: it has no link {', '.join(missing)}")
-    world_from_base, qpos = matrix_of(links[model.links[0]].entity_pose), rows.qpos(arm.robot._objs[0].qpos)
+    world_from_base, qpos = matrix_of(links[model.links[0]].entity_pose), rows.qpos()
     for link, base_from_link in zip(model.links, model.link_poses(qpos), strict=True):
         off_m = float(np.abs(world_from_base @ base_from_link - matrix_of(links[link].entity_pose)).max())
         if off_m > SAME_M:
