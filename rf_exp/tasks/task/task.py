@@ -8,7 +8,7 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
     plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
     conditions(scene, start, task)  strict success as named conditions, all of which must hold; one that
                                   is a `Measured` also says by how much
-    paper(scene, start, task)     the paper's criterion
+    paper(scene, start, task)     the paper's criterion, where it knows the task; else the conditions once
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import Arm
 from rf_exp.statements import Vocabulary
@@ -109,15 +110,16 @@ class Task:
 
     def hung(self, name: str, poses: Mapping[str, Matrix], opened_rad: ArrayLike) -> NDArray[np.float64]:
         """world_from_object (..., 4, 4) of a hinged thing open so far (...), its bearer as in `poses`."""
-        hinge = self.asset(name).hinge
-        assert hinge is not None  # who asks knows that it is hinged
-        return self._shut(name, poses) @ hinge.turned(opened_rad)
+        return self._shut(name, poses) @ self._hinge(name).turned(opened_rad)
 
     def opened_rad(self, name: str, poses: Mapping[str, Matrix]) -> NDArray[np.float64]:
         """(...) how far a hinged thing is open, which `poses` has at (..., 4, 4)."""
+        return self._hinge(name).opened_rad(inverse(self._shut(name, poses)) @ poses[name])
+
+    def _hinge(self, name: str) -> assets.Hinge:
         hinge = self.asset(name).hinge
-        assert hinge is not None  # as above
-        return hinge.opened_rad(inverse(self._shut(name, poses)) @ poses[name])
+        assert hinge is not None  # who asks knows that it is hinged
+        return hinge
 
     def _shut(self, name: str, poses: Mapping[str, Matrix]) -> Matrix:
         """world_from_object of a hinged thing that is shut."""
@@ -153,16 +155,12 @@ class Task:
 
         Assets by their content, code by its versions. Titles and descriptions decide nothing.
         """
-        objects = {
-            name: {**asdict(spec), "asset": f"{self.asset(name).name} {self.asset(name).content}"}
-            for name, spec in self.objects.items()
-        }
-        for spec in objects.values():
-            del spec["options"], spec["size"]  # the content tells them
-            if not spec["open_deg"]:  # what most have is not told
-                del spec["open_deg"]
-        varies = {"variation": self.variation.identity} if self.variation.identity else {}
-        return {
+        objects: dict[str, dict[str, Any]] = {}
+        for name, spec in self.objects.items():
+            objects[name] = without(asdict(spec), open_deg=0.0)  # what most have is not told
+            del objects[name]["options"], objects[name]["size"]  # the content tells them
+            objects[name]["asset"] = f"{self.asset(name).name} {self.asset(name).content}"
+        said = {
             "robots": tuple(robot.identity for robot in self.robots),
             "cameras": {name: camera.identity for name, camera in self.cameras.items()},
             "success": dict(self.success),
@@ -171,8 +169,9 @@ class Task:
             "order": list(objects),  # in which they are drawn
             "criteria": self.version,
             "plan": self.plan_version,
-            **varies,
+            "variation": self.variation.identity,
         }
+        return without(said, variation={})
 
     def parent_from_camera(self, name: str) -> Matrix:
         """(4, 4) of a camera in the world, or in the frame of the hand that it is mounted on; OpenCV axes."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.artifacts import plain
+from rf_exp.artifacts import plain, without
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.task.clutter import Clutter, drawn_piece, placed
 from rf_exp.tasks.task.specs import LARGEST, SMALLEST, CameraMotion
@@ -218,14 +218,8 @@ class Drawn:
 
     def plain(self) -> dict[str, Any]:
         """What differs from the task, as values of JSON."""
-        found = plain(asdict(self))
-        if not self.clutter:
-            del found["clutter"]
-        if {*self.sizes.values()} == {1.0}:
-            del found["sizes"]
-        if self.devices.impaired is None:
-            del found["devices"]["impaired"]
-        return found
+        found = without(plain(asdict(self)), clutter=[], sizes=dict.fromkeys(self.sizes, 1.0))
+        return {**found, "devices": without(found["devices"], impaired=None)}
 
 
 def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
@@ -363,13 +357,10 @@ def moved(task: "Task", seed: int, copy: int) -> "Task":
     if not {*task.variation.factors} & {*MOVES}:
         return task
     drawn = draw(task, seed, copy)
+    up_m = drawn.table_height_m
     robots = tuple(
         replace(
-            robot,
-            x_m=robot.x_m + x,
-            y_m=robot.y_m + y,
-            yaw_deg=robot.yaw_deg + yaw,
-            z_m=robot.z_m - drawn.table_height_m,
+            robot, x_m=robot.x_m + x, y_m=robot.y_m + y, yaw_deg=robot.yaw_deg + yaw, z_m=robot.z_m - up_m
         )
         for robot, (x, y, yaw) in zip(task.robots, drawn.bases, strict=True)
     )
@@ -411,8 +402,5 @@ def scene_certificate(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
         name: {"parent_from_camera": stands.parent_from_camera(name).tolist(), "fov_deg": spec.fov_deg}
         for name, spec in stands.cameras.items()
     }
-    bases = [robot.world_from_base.tolist() for robot in stands.robots]
-    return {
-        "drawn": drawn_of(task, seed, copy),
-        "calibration": {"world_from_base": bases, "cameras": cameras},
-    }
+    calibration = {"world_from_base": [robot.world_from_base.tolist() for robot in stands.robots]}
+    return {"drawn": drawn_of(task, seed, copy), "calibration": {**calibration, "cameras": cameras}}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.artifacts import digest
+from rf_exp.artifacts import digest, without
 from rf_exp.errors import ArgumentError
 from rf_exp.transforms import Matrix, apply, equal_turns, from_axes, inverse
 
@@ -150,7 +150,7 @@ class Asset:
     parts: tuple[Part, ...]
     points: Mapping[str, InteractionPoint] = field(default_factory=dict)
     mass_kg: float = 0.1
-    heaviest_kg: float | None = None  # of its heaviest make, where `Randomisation.heavy` asks for some
+    heaviest_kg: float | None = None  # of its heaviest make, where `Randomisation.mass_scale` asks for some
     friction: float = 1.0
     static: bool = False  # fixed to the world
     ghost: bool = False  # a mark on the table: seen, never touched
@@ -179,20 +179,17 @@ class Asset:
             }
             for part in self.parts
         ]
-        points = {
-            name: {**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}
+        points = {  # contents are as they were before there was such a symmetry, and before there were hinges
+            name: without({**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}, around=1)
             for name, point in self.points.items()
         }
-        for said in points.values():
-            if said["around"] == 1:  # contents are as they were before there was such a symmetry
-                del said["around"]
+        hinge = self.hinge and {
+            **vars(self.hinge),
+            "object_from_hinge": _rounded(self.hinge.object_from_hinge),
+        }
         rest = ("mass_kg", "heaviest_kg", "friction", "static", "ghost")
-        hung = {}
-        if self.hinge is not None:  # likewise
-            pose = _rounded(self.hinge.object_from_hinge)
-            hung["hinge"] = {**vars(self.hinge), "object_from_hinge": pose}
-        said = {"parts": parts, "points": points, **hung, **{name: getattr(self, name) for name in rest}}
-        return digest(said)
+        said = {"parts": parts, "points": points, **{name: getattr(self, name) for name in rest}}
+        return digest(without({**said, "hinge": hinge}, hinge=None))
 
     @property
     def placing(self) -> Mapping[str, InteractionPoint]:
