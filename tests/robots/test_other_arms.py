@@ -181,3 +181,9 @@ def test_the_ur5_of_the_extra_is_the_one_whose_postures_are_known(ur5: Robot) ->
     assert UR5.links[0] == "base_link" and len(UR5.links) == 10
     colours = UR5.meshes["shoulder_link"][2]
     assert len(np.unique(colours, axis=0)) == 3  # grey, black, and the blue of its caps
+
+
+def test_meshes_without_a_colour_are_white() -> None:
+    """As glTF has it: some of the xArm7's shells name none."""
+    _, _, colours = XARM7.meshes["link1"]
+    assert colours.max() == 1.0
