@@ -60,6 +60,7 @@ class Chain:
         while joint:
             self._arm.insert(0, joint)
             joint = parents[joint]
+        self.dof = len(self._arm)
         first, last = self._arm[0], self._arm[-1]  # NumPy is faster along slices
         row = len(self._arm) == last + 1 - first
         self._turning = slice(first, last + 1) if row else self._arm
@@ -97,10 +98,6 @@ class Chain:
         self._from_joint = np.stack(
             [turns[frame.parentJoint].T @ frame.placement.homogeneous for frame in links]
         )
-
-    @property
-    def dof(self) -> int:
-        return len(self._arm)
 
     def link_poses(self, qpos: NDArray[np.floating]) -> Floats:
         """Base-frame poses (..., L, 4, 4) of the links for measured joints (..., D)."""

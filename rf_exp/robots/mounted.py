@@ -9,6 +9,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
@@ -57,14 +58,12 @@ def located(urdf: str | Path, extra: str = "") -> Path:
     if scheme is None:
         return Path(said)
     package, _, path = said.removeprefix(scheme).partition("/")
-    try:
+    with suppress(PackageNotFoundError):
         if scheme == DISTRIBUTED:
             return Path(str(distribution(package).locate_file(path)))
         spec = find_spec(package)
         if spec is not None and spec.submodule_search_locations:
             return Path(spec.submodule_search_locations[0]) / path
-    except PackageNotFoundError:
-        pass
     raise _missing(package.replace("_", "-"), extra)
 
 

@@ -89,9 +89,6 @@ def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
 class TableEnv(BaseEnv):
     """Robots, objects, cameras and light of one task. A seed fixes the whole start."""
 
-    SUPPORTED_OBS_MODES = ("none", "state", "rgb")
-    SUPPORTED_REWARD_MODES = ("none",)
-
     def __init__(self, task: Task, size_px: tuple[int, int], render_backend: str) -> None:
         _freeze_modules()
         self._usual = self.task = task  # as configured, and as it stands in the scene of the seed

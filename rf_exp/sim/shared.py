@@ -9,25 +9,22 @@ if TYPE_CHECKING:
     from rf_exp.sim.simulator import Simulator
 
 # One simulator a process, kept between episodes: building the renderer costs seconds.
-_simulator: "tuple[tuple[str, Pictures], Simulator] | None" = None
+_shared: "dict[tuple[str, Pictures], Simulator]" = {}  # by task and pictures
 
 
 def shared_simulator(task: Task, pictures: Pictures) -> "Simulator":
     """This process's simulator for a task and picture size; an earlier one is closed."""
-    global _simulator
     from rf_exp.sim.simulator import Simulator  # not by those who only start processes that simulate
 
     key = (repr(task), pictures)
-    if _simulator is None or _simulator[0] != key:
+    if key not in _shared:
         close_shared_simulator()
         size = {"width_px": pictures.width, "height_px": pictures.height}
-        _simulator = key, Simulator(task, **size, render=pictures.render)
-    return _simulator[1]
+        _shared[key] = Simulator(task, **size, render=pictures.render)
+    return _shared[key]
 
 
 def close_shared_simulator() -> None:
     """Gives the memory of this process's simulator back."""
-    global _simulator
-    if _simulator is not None:
-        _simulator[1].close()
-        _simulator = None
+    while _shared:
+        _shared.popitem()[1].close()

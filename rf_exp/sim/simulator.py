@@ -1,6 +1,7 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from typing import Any, TypeVar
 
@@ -270,10 +271,8 @@ def _renderer() -> tuple[str, sapien.render.RenderSystem]:
 
     As long as one render system lives SAPIEN keeps its compiled shaders, which take seconds to make.
     """
-    try:
+    with suppress(RuntimeError):  # where there is no such device
         device = sapien.Device("cuda")
         if device.can_render():
             return "gpu", sapien.render.RenderSystem(device)
-    except RuntimeError:  # there is no such device
-        pass
     return "cpu", sapien.render.RenderSystem(sapien.Device("cpu"))

@@ -267,9 +267,8 @@ def _on_hand(link: Any, hand: Any) -> bool:
 
 def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.PhysxRigidBaseComponent]:
     """The rigid bodies by name: actors, and the links of articulations that are none of the arms."""
-    found: dict[str, Any] = {}
-    for name, actor in base.scene.actors.items():
-        found[name] = actor._objs[0].find_component_by_type(physx.PhysxRigidBaseComponent)
+    kind, actors = physx.PhysxRigidBaseComponent, base.scene.actors.items()
+    found: dict[str, Any] = {name: actor._objs[0].find_component_by_type(kind) for name, actor in actors}
     robots = [arm.robot for arm in arms.values()]
     for name, articulation in base.scene.articulations.items():
         if not any(articulation is robot for robot in robots):
