@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.brain import Question
+from rf_exp.datagen.motion.state import Floats
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.robots import Arm
@@ -48,8 +49,8 @@ class Coordinator:
         self._plan: Planned | None = None  # that is followed; None while there is none
         self._positions = np.zeros((1, len(settings.task.agents)), np.int64)  # (T + 1, N) of its schedule
         # Of each agent (P, dof + 1), where its hand is, and its knots.
-        self._paths: list[NDArray[np.float64]] = []
-        self._hands: list[NDArray[np.float64]] = []
+        self._paths: list[Floats] = []
+        self._hands: list[Floats] = []
         self._knots: list[NDArray[np.int64]] = []
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
         self._asked_at, self._at = scene.step, np.zeros(len(settings.task.agents), int)  # path positions
@@ -97,7 +98,7 @@ class Coordinator:
         free = [self._plan is None or self._free(k) for k in range(len(self._at))]
         return numbers, np.array(free)
 
-    def _followed(self, k: int, qpos: NDArray[np.float64], gripper: float) -> int:
+    def _followed(self, k: int, qpos: Floats, gripper: float) -> int:
         """Where on its path an agent is now."""
         at, path, knots = int(self._at[k]), self._paths[k], self._knots[k]
         now = hand(self._arms[k], qpos)
@@ -137,6 +138,6 @@ class Coordinator:
         return bool((self._at >= needed)[others].all())
 
 
-def hand(arm: Arm, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+def hand(arm: Arm, qpos: Floats) -> Floats:
     """(..., 4, 3) m, in the world: the points of an arm's hand that tell where it is and how it is turned."""
     return placed(arm.tcp(qpos), HAND_M)

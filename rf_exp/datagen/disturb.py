@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import Paths, Plan
+from rf_exp.datagen.motion.state import Floats
 from rf_exp.datagen.obstacles import placed_at
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Mask, Swept, closer_than, nearest
@@ -42,7 +43,7 @@ class _Perturbation:
     """A smooth motion of all joints away from a path and back, and what is left of it."""
 
     begins: int  # the path position before the first that is moved
-    offsets_rad: NDArray[np.float64]  # (L, dof) of all of it
+    offsets_rad: Floats  # (L, dof) of all of it
     part: int = 0  # of PARTS
 
     @property
@@ -111,7 +112,7 @@ class Disturbance:
 def _perturbations(
     trajectory: Trajectory,
     positions: NDArray[np.int64],
-    limits_rad: NDArray[np.float64],
+    limits_rad: Floats,
     strength_rad: float,
     rng: np.random.Generator,
 ) -> list[_Perturbation]:
@@ -132,12 +133,8 @@ def _perturbations(
 
 
 def _bounded(
-    offsets_rad: NDArray[np.float64],
-    begins: int,
-    trajectory: Trajectory,
-    positions: NDArray[np.int64],
-    limits_rad: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    offsets_rad: Floats, begins: int, trajectory: Trajectory, positions: NDArray[np.int64], limits_rad: Floats
+) -> Floats:
     """Less of a perturbation where it would add more than `ADDED`, or mirrored lead beyond a joint stop."""
     moved, qpos = slice(begins + 1, begins + len(offsets_rad) + 1), arm_of(trajectory.path())
     path = np.zeros_like(qpos)
@@ -154,7 +151,7 @@ def _bounded(
     return offsets_rad * np.minimum(np.nanmin(parts, axis=0), 1.0)
 
 
-def _share(trajectory: Trajectory) -> NDArray[np.float64]:
+def _share(trajectory: Trajectory) -> Floats:
     """(P,) which part of the strength each position of a path gets, from the first behind its start on."""
     steps = len(trajectory)
     part, calm = np.ones(steps), np.zeros(steps, dtype=bool)
@@ -235,24 +232,32 @@ class ObjectMotionWatch:
     def __init__(self, plan: Plan, *, objects: bool) -> None:
         """`plan` is what is executed; without `objects` clutter alone is watched."""
         self._plan, self._objects = plan, objects
-        self._clutter = {name: pose[:3, 3] for name, pose in plan.scene.clutter.items()}
-        self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in plan.scene.poses.items()}
+        self._rest = self._places_m(plan.scene)
 
     def unintended(self, scene: Scene) -> Violation | None:
         """What has moved by now that nobody handles."""
-        for name, pose in scene.clutter.items():
-            if (moved_m := float(np.linalg.norm(pose[:3, 3] - self._clutter[name]))) > MOVED_M:
-                return _moved(scene, Finding.CLUTTER_MOVED, name, moved_m)
-        if not self._objects:
-            return None
-        handled = self._handled(scene)
-        for name, pose in scene.poses.items():
-            here = pose[:3, 3]
+        handled = self._handled(scene) if self._objects else ()
+        for name, here in self._places_m(scene).items():
             if name in handled:
                 self._rest[name] = here
             elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > MOVED_M:
-                return _moved(scene, Finding.OBJECT_MOVED, name, moved_m)
+                return Violation(
+                    Finding.CLUTTER_MOVED if name in scene.clutter else Finding.OBJECT_MOVED,
+                    moved_m,
+                    MOVED_M,
+                    "m",
+                    check=CheckName.OBJECT_MOTION,
+                    cause=Cause.CONTACT,
+                    time_s=scene.time_s,
+                    measured=True,
+                    object=name,
+                )
         return None
+
+    def _places_m(self, scene: Scene) -> dict[str, Floats]:
+        """Where everything is that is watched."""
+        poses = {**scene.clutter, **scene.poses} if self._objects else scene.clutter
+        return {name: pose[:3, 3] for name, pose in poses.items()}
 
     def _handled(self, scene: Scene) -> set[str]:
         """What is held or touched on purpose. An arm that only comes close to a thing must not move it."""
@@ -274,17 +279,3 @@ def _lies_in(task: Task, scene: Scene, name: str, into: str) -> bool:
         return False
     here = apply(inverse(scene.poses[into]), scene.poses[name][:3, 3])
     return name != into and bool(((asset.bounds_m[0] < here) & (here < asset.bounds_m[1])).all())
-
-
-def _moved(scene: Scene, finding: Finding, name: str, moved_m: float) -> Violation:
-    return Violation(
-        check=CheckName.OBJECT_MOTION,
-        cause=Cause.CONTACT,
-        finding=finding,
-        value=moved_m,
-        bound=MOVED_M,
-        unit="m",
-        time_s=scene.time_s,
-        measured=True,
-        object=name,
-    )

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
 from rf_exp.types import ConstraintSet, Scene, Subgoal, fingers_of
 
+InTheWay = tuple[Sequence[Obstacle], Swept, float]  # obstacles, all of them as one, m that they keep free
+
 
 class Obstacles:
     """The static world of a planner: objects, table and arms where the predicted state has them.
@@ -39,9 +41,8 @@ class Obstacles:
     def __init__(self, task: Task, scene: Scene, constraint_set: ConstraintSet, proposal: Proposal) -> None:
         self._task, self._scene, self._constraint_set, self._proposal = task, scene, constraint_set, proposal
         self._seen = Seen(PlanningScene(task, scene)) if scene.seen is not None else None
-        self._asked: _Surroundings | None = (
-            None  # last; a search for a path asks about the same ones over and over
-        )
+        # A search for a path asks about the same ones over and over.
+        self._surroundings = lru_cache(maxsize=1)(self._looked_up)
 
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
@@ -49,12 +50,11 @@ class Obstacles:
         def test(
             agent: int, points: Points, state: State, touches: frozenset[str], *, between: bool = False
         ) -> Obstacle | None:
-            surroundings = self._surroundings(agent, state, touches, avoid_arms)
-            planning_scene = surroundings.planning_scene
-            body = self._body(planning_scene, agent, points, state, touches)
+            planning_scene, in_the_way = self._surroundings(agent, state, touches, avoid_arms)
+            body = _body(planning_scene, agent, points, state, touches)
             if folded(body, self._task.arms[agent].robot.self_pairs).any():
                 return "the arm itself"
-            for obstacles, other, margin_m in surroundings.bodies:
+            for obstacles, other, margin_m in in_the_way:
                 if closer_than(body, other, margin_m, between=between).any():
                     each = ((one, _only(planning_scene, other, one)) for one in obstacles[:-1])
                     near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
@@ -66,70 +66,40 @@ class Obstacles:
     def how_near(self, blockage: Blockage) -> dict[str, Any]:
         """How near which parts come, as facts of a `Found`; none where the arm itself or the table blocks."""
         agent, state, touches, obstacle = blockage.agent, blockage.state, blockage.touches, blockage.obstacle
-        surroundings = self._surroundings(agent, state, touches, True)
-        planning_scene = surroundings.planning_scene
-        body = self._body(planning_scene, agent, blockage.points, state, touches)
-        for obstacles, other, margin_m in surroundings.bodies:
-            if obstacle not in obstacles:
-                continue
-            if (gap := nearest(body, _only(planning_scene, other, obstacle))).a:
+        planning_scene, in_the_way = self._surroundings(agent, state, touches, True)
+        body = _body(planning_scene, agent, blockage.points, state, touches)
+        for obstacles, other, margin_m in in_the_way:
+            if obstacle in obstacles and (gap := nearest(body, _only(planning_scene, other, obstacle))).a:
                 near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
                 other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
                 return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
         return {}
 
-    def _surroundings(
+    def _looked_up(
         self, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
-    ) -> "_Surroundings":
-        """What is in the way of an agent. That of the last question, where it was asked the same."""
-        last = self._asked
-        if last is None or last.state is not state or last.asked != (agent, touches, avoid_arms):
-            planning_scene = self._planning_scene(state)
-            bodies = tuple(self._others(planning_scene, agent, state, touches, avoid_arms))
-            last = self._asked = _Surroundings(state, (agent, touches, avoid_arms), planning_scene, bodies)
-        return last
-
-    def _planning_scene(self, state: State) -> PlanningScene:
+    ) -> tuple[PlanningScene, Sequence[InTheWay]]:
+        """The predicted scene, and what is in the way there; many together, as most often none is near."""
         qpos = self._scene.qpos.copy()
         for agent, joints in state.qpos.items():
             qpos[agent - 1, : len(joints)] = joints
             fingers_of(qpos)[agent - 1] = self._task.arms[agent].robot.hand.open_m
         held = tuple(state.held.get(agent, (None,))[0] for agent in self._task.agents)
-        return PlanningScene(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held))
-
-    @staticmethod
-    def _body(
-        planning_scene: PlanningScene, agent: int, points: Points, state: State, touches: frozenset[str]
-    ) -> Swept:
-        held, tcp_from_object = state.held.get(agent, (None, None))
-        return planning_scene.arm(
-            agent, points, attached=held, tcp_from_object=tcp_from_object, touches=touches
-        )
-
-    def _others(
-        self,
-        planning_scene: PlanningScene,
-        agent: int,
-        state: State,
-        touches: frozenset[str],
-        avoid_arms: bool,
-    ) -> Iterator[tuple[Sequence[Obstacle], Swept, float]]:
-        """What is in the way, and how near one may come; many together, as most often none is near."""
+        scene = replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held)
+        planning_scene, found = PlanningScene(self._task, scene), list[InTheWay]()
         spatial = self._constraint_set.spatial
         names = [*self._task.objects, *self._task.clutter] if spatial else sorted(state.targets)
         if self._seen is not None and spatial:
             boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
             names = sorted(exactly)
-            yield [SEEN], boxes, OBJECT_MARGIN_M
-        held = state.in_hand(agent)
-        if others := [name for name in names if name not in held]:
-            yield others, planning_scene.standing(others), OBJECT_MARGIN_M
+            found.append(([SEEN], boxes, OBJECT_MARGIN_M))
+        if others := [name for name in names if name not in state.in_hand(agent)]:
+            found.append((others, planning_scene.standing(others), OBJECT_MARGIN_M))
         arms = [other for other in self._task.agents if avoid_arms and spatial and other != agent]
-        laden = [other for other in arms if other in state.held]  # may be met by who takes what it holds
         if free := [other for other in arms if other not in state.held]:
-            yield free, joined([*map(planning_scene.measured, free)]), AGENT_MARGIN_M
-        for other in laden:
-            yield [other], planning_scene.measured(other), AGENT_MARGIN_M
+            found.append((free, joined([*map(planning_scene.measured, free)]), AGENT_MARGIN_M))
+        laden = (other for other in arms if other in state.held)  # may be met by who takes what it holds
+        found += [([other], planning_scene.measured(other), AGENT_MARGIN_M) for other in laden]
+        return planning_scene, found
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
         """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""
@@ -140,13 +110,12 @@ class Obstacles:
         return frozenset((about | held | moved | state.targets) & set(self._task.objects))
 
 
-class _Surroundings(NamedTuple):
-    """What was found to be in the way of an agent, and for which question."""
-
-    state: State
-    asked: tuple[int, frozenset[str], bool]  # agent, what its gripper may touch, whether arms count
-    planning_scene: PlanningScene
-    bodies: Sequence[tuple[Sequence[Obstacle], Swept, float]]  # obstacles, all of them, m they keep free
+def _body(
+    planning_scene: PlanningScene, agent: int, points: Points, state: State, touches: frozenset[str]
+) -> Swept:
+    """The arm of an agent, with what it holds, at joint points."""
+    held, tcp_from_object = state.held.get(agent, (None, None))
+    return planning_scene.arm(agent, points, attached=held, tcp_from_object=tcp_from_object, touches=touches)
 
 
 def _only(planning_scene: PlanningScene, body: Swept, obstacle: Obstacle) -> Swept:

@@ -33,4 +33,5 @@ def test_a_small_model_writes_an_answer_of_the_schema(lift_barrier, monkeypatch)
     schema = {"type": "object", "properties": {"Agent_1": {"enum": texts}}, "required": ["Agent_1"]}
     chat = OpenAIChat(spec, None)  # asked for little in few words: whole answers take it a minute
     text = chat.ask("propose", [Message("user", "An arm lifts a barrier. What does it do?")], schema)
-    assert json.loads(text)["Agent_1"] in texts and chat.usage.completion_tokens > 0
+    assert json.loads(text)["Agent_1"] in texts
+    assert chat.asked[0].usage is not None and chat.asked[0].usage.completion_tokens > 0

@@ -8,7 +8,7 @@ import dacite
 
 from rf_exp.datagen.brain.faults import FAULTS
 from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
-from rf_exp.datagen.brain.legal import Legal, legal
+from rf_exp.datagen.brain.legal import legal
 from rf_exp.datagen.brain.protocol import (
     BadAnswer,
     Brain,
@@ -18,10 +18,10 @@ from rf_exp.datagen.brain.protocol import (
     read_object,
     to_json,
 )
-from rf_exp.datagen.brain.random import RandomBrain, RandomSpec
 from rf_exp.datagen.brain.scripted import (
     FaultyBrain,
     FaultySpec,
+    RandomSpec,
     ScriptedBrain,
     ScriptedSpec,
     applies,
@@ -41,12 +41,10 @@ __all__ = [
     "FaultyBrain",
     "FaultySpec",
     "LanguageBrain",
-    "Legal",
     "Message",
     "OpenAIChat",
     "OpenAISpec",
     "Question",
-    "RandomBrain",
     "RandomSpec",
     "ReplaySpec",
     "ScriptedBrain",

@@ -67,10 +67,6 @@ class Fault:
         except _NoRoom:
             return None
 
-    @property
-    def description(self) -> str:
-        return " ".join((self.made.__doc__ or "").split())
-
 
 FAULTS: dict[str, Fault] = {}
 

@@ -1,6 +1,7 @@
 """The RoboBrain that is a language model, live or from a recording: what it is shown and asked."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
@@ -101,8 +102,10 @@ class LanguageBrain:
         What became of each proposal is noted beside what was said.
         """
         self._chat.judged([" ".join(filter(None, (each.ruling, each.code))) for each in dialogue.answers])
-        calls, usage = self._chat.calls, self._chat.usage
-        return replace(dialogue, calls=calls, **asdict(usage))
+        asked, tokens = self._chat.asked, Counter[str]()
+        for each in asked:
+            tokens.update(asdict(each.usage) if each.usage is not None else {})
+        return replace(dialogue, calls=len(asked), **tokens)
 
     def answer(self, question: Question) -> str:
         known = legal(question.task, question.scene) if self._enumerates else None

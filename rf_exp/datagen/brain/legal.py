@@ -1,6 +1,6 @@
 """What may be said in a scene: subgoals and constraints that are read without a complaint, all of them.
 
-A brain draws from them (`random.py`), and the schema of an answer can list them (`strict_answer`). They
+A brain draws from them (`RandomBrain`), and the schema of an answer can list them (`strict_answer`). They
 are legal and no more: whether an arm reaches a thing, and whether it is any use, is for planner and checks
 to say. Constraints that are made of a number (distances, speeds, deadlines, zones) are not among them.
 """
@@ -8,7 +8,6 @@ to say. Constraints that are made of a number (distances, speeds, deadlines, zon
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
-from typing import Any
 
 from rf_exp.statements import (
     VERBS,
@@ -21,7 +20,6 @@ from rf_exp.statements import (
     Statement,
     Step,
     Together,
-    Verb,
     keep_clear,
 )
 from rf_exp.tasks import Task
@@ -51,39 +49,26 @@ def legal(task: Task, scene: Scene) -> Legal:
     """What may be said of a scene of a task."""
     subgoals = {agent: list(_subgoals(agent, task, scene)) for agent in task.agents}
     every = [each for agent in task.agents for each in subgoals[agent]]
-    return Legal(subgoals, [*_logical(every), *_in_time(every, task.agents), *_apart(task.agents)])
+    constraints = [*_logical(every), *_in_time(every, task.agents), *keep_clear(task.agents)]
+    return Legal(subgoals, [*constraints, *map(AvoidAgents, combinations(task.agents, 2))])
 
 
 def _subgoals(agent: int, task: Task, scene: Scene) -> Iterator[Subgoal]:
+    """Those with every verb: about things at their points, or about those that an arm can hold."""
     points = task.vocabulary.points
-    held = [name for name, known in points.items() if "grasp" in known.values()]
+    met = [(name, point, kind) for name, known in points.items() for point, kind in known.items()]
+    held = [(name, None) for name, known in points.items() if "grasp" in known.values()]
     places = [(name, None) for name in task.places(scene)]
-    places += [(name, point) for name, known in points.items() for point in known if known[point] in PUTTING]
+    places += [(name, point) for name, point, kind in met if kind in PUTTING]
     for verb in VERBS.values():
-        for parts in _parts(verb, points, held, places):
-            yield Subgoal(agent, verb.name, **parts)
-
-
-def _parts(
-    verb: Verb,
-    points: Mapping[str, Mapping[str, str]],
-    held: Sequence[str],
-    places: Sequence[tuple[str, str | None]],
-) -> Iterator[dict[str, Any]]:
-    """The parts of every subgoal with a verb: things at their points, or those that an arm can hold."""
-    things: list[dict[str, Any]] = [{"object": name} for name in held] if "object" in verb.needs else [{}]
-    if "point" in verb.needs:
-        met = product(points, {point for known in points.values() for point in known})
-        things = [
-            {"object": name, "point": point}
-            for name, point in sorted(met)
-            if points[name].get(point) == verb.meets
-        ]
-    targets = places if "target" in verb.needs else [(None, None)]
-    heights = HEIGHTS_M if "height_m" in verb.needs else [None]
-    for thing, (target, point), height_m in product(things, targets, heights):
-        if target is None or target != thing.get("object"):
-            yield {**thing, "target": target, "target_point": point, "height_m": height_m}
+        things = held if "object" in verb.needs else [(None, None)]
+        if "point" in verb.needs:
+            things = sorted((name, point) for name, point, kind in met if kind == verb.meets)
+        targets = places if "target" in verb.needs else [(None, None)]
+        heights = HEIGHTS_M if "height_m" in verb.needs else [None]
+        for (name, point), (target, at), height_m in product(things, targets, heights):
+            if target is None or target != name:
+                yield Subgoal(agent, verb.name, name, point, target, at, height_m)
 
 
 def _logical(subgoals: Sequence[Subgoal]) -> Iterator[Statement]:
@@ -106,11 +91,6 @@ def _in_time(subgoals: Sequence[Subgoal], agents: Sequence[int]) -> Iterator[Sta
     for first, then in permutations(steps, 2):
         if first.agent != then.agent and first.verb in OVER and then.verb in (*TOGETHER, *OVER):
             yield Before(first, then)
-
-
-def _apart(agents: Sequence[int]) -> Iterator[Statement]:
-    yield from keep_clear(agents)
-    yield from map(AvoidAgents, combinations(agents, 2))
 
 
 def _fits(stated: Statement, said: set[Step], met: set[tuple[int, str | None, str | None]]) -> bool:

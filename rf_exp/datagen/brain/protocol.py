@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
@@ -60,23 +61,9 @@ _REFUSES = re.compile(
 class BadAnswer(StageError):
     """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
 
-    usual: ClassVar[Finding] = Finding.REFUSED
-
-    def __init__(self, told: object, finding: Finding | None = None) -> None:
+    def __init__(self, told: object, finding: Finding = Finding.REFUSED) -> None:
         super().__init__(told)
-        self.finding = finding or self.usual
-
-
-class Unreached(BadAnswer):
-    """The model was not asked: there is no way to it, the server is busy or broken, or wants another key."""
-
-    usual: ClassVar[Finding] = Finding.UNREACHED
-
-
-class Rejected(BadAnswer):
-    """The server will not carry out the request as it is (status 400, 422 or 501)."""
-
-    usual: ClassVar[Finding] = Finding.REJECTED
+        self.finding = finding
 
 
 @dataclass(frozen=True)
@@ -142,9 +129,8 @@ def plain(key: str) -> str:
 def read_object(text: str, key: str) -> dict[str, Any]:
     """The one JSON object with `key` in a text. Raises BadAnswer that says what there is instead."""
     if len(text) > LONGEST_TEXT:
-        raise BadAnswer(
-            f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}", Finding.OTHER_FORM
-        )
+        told = f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}"
+        raise BadAnswer(told, Finding.OTHER_FORM)
     thought, said = _parted(text)
     answers: list[dict[str, Any]] = []
     why = "it is empty"
@@ -162,15 +148,13 @@ def read_object(text: str, key: str) -> dict[str, Any]:
             continue
         break
     if any(answer != answers[0] for answer in answers):
-        raise BadAnswer(
-            f"the answer holds {len(answers)} different objects with {key!r}; send one", Finding.OTHER_FORM
-        )
+        told = f"the answer holds {len(answers)} different objects with {key!r}; send one"
+        raise BadAnswer(told, Finding.OTHER_FORM)
     if not answers:
         raise BadAnswer(f"the answer is not the expected JSON: {why}", Finding.NO_JSON)
     if why:  # an answer beside something that is broken: which of them was meant?
-        raise BadAnswer(
-            f"the answer is not the expected JSON: beside a whole object, {why}", Finding.OTHER_FORM
-        )
+        told = f"the answer is not the expected JSON: beside a whole object, {why}"
+        raise BadAnswer(told, Finding.OTHER_FORM)
     return answers[0]
 
 
@@ -245,13 +229,15 @@ class _Part(BaseModel):
     """A part of an answer: its keys in any case. Others are left out where they say why, and no more."""
 
     model_config = ConfigDict(extra="forbid")
+    also: ClassVar[dict[str, str]] = {}  # other keys for the same
 
     @model_validator(mode="before")
     @classmethod
     def _its_keys(cls, value: object) -> object:
         if not isinstance(value, dict):
             return value
-        names = {plain(str(field.alias)): str(field.alias) for field in cls.model_fields.values()}
+        known = [str(field.alias) for field in cls.model_fields.values()]
+        names = {**{plain(alias): alias for alias in known}, **cls.also}
         found: dict[str, object] = {}
         for key, part in value.items():
             name = names.get(plain(str(key)))
@@ -260,10 +246,8 @@ class _Part(BaseModel):
             if name is not None:
                 found[name] = part
             elif not cls._says_nothing(str(key), part):
-                raise ValueError(
-                    f"the key {printable(repr(key), 40)} is not understood; "
-                    f"known: {', '.join(names.values())}"
-                )
+                told = f"the key {printable(repr(key), 40)} is not understood"
+                raise ValueError(f"{told}; known: {', '.join(known)}")
         return found
 
     @classmethod
@@ -272,19 +256,15 @@ class _Part(BaseModel):
 
 
 class _Constraint(_Part):
+    also: ClassVar[dict[str, str]] = {"agent": "Agents"}
+
     agents: list[str] = Field(default_factory=list, alias="Agents", max_length=16, fail_fast=True)
     text: str = Field(alias="Constraint", max_length=500)
 
-    @model_validator(mode="before")
+    @field_validator("agents", mode="before")
     @classmethod
     def _one_or_many(cls, value: object) -> object:
-        if not isinstance(value, dict):
-            return value
-        keys = ("Agents" if plain(str(key)) == "agent" else key for key in value)
-        entry = list(zip(keys, value.values(), strict=True))
-        if len({key for key, _ in entry}) < len(entry):
-            raise ValueError("Agents is there twice")
-        return {key: [part] if key == "Agents" and isinstance(part, str) else part for key, part in entry}
+        return [value] if isinstance(value, str) else value
 
 
 class _Constraints(_Part):
@@ -293,8 +273,14 @@ class _Constraints(_Part):
     spatial: list[_Constraint] = Field(default_factory=list, alias="Spatial", max_length=100)
 
 
+def _line(part: object) -> object:
+    """Several subgoals of an agent as a list; none as null."""
+    several = isinstance(part, list) and all(isinstance(each, str) for each in part)
+    return "; ".join(part) if several else part or ""
+
+
 class _Answer(_Part):
-    subgoals: dict[str, str] = Field(alias="Subgoals", max_length=16)
+    subgoals: dict[str, Annotated[str, BeforeValidator(_line)]] = Field(alias="Subgoals", max_length=16)
     constraints: _Constraints = Field(default_factory=_Constraints, alias="Constraints")
 
     @classmethod
@@ -303,19 +289,6 @@ class _Answer(_Part):
         parts = ("subgoals", "constraints", *KINDS)
         told = not isinstance(part, dict | list) and not get_close_matches(plain(key), parts, cutoff=0.7)
         return told or plain(key) in _COMMENTS.split()
-
-    @field_validator("subgoals", mode="before")
-    @classmethod
-    def _lines(cls, value: object) -> object:
-        """Several subgoals of an agent as a list; none as null."""
-        if not isinstance(value, dict):
-            return value
-        return {
-            key: "; ".join(part)
-            if isinstance(part, list) and all(isinstance(p, str) for p in part)
-            else part or ""
-            for key, part in value.items()
-        }
 
 
 def strict_answer(task: Task, known: Legal | None = None) -> type[BaseModel]:
@@ -393,9 +366,8 @@ def from_json(text: str, task: Task) -> Proposal:
     lines: dict[int, str] = {}
     for name, line in answer.subgoals.items():
         if lines.setdefault(agent_number(name, task), line) is not line:
-            raise BadAnswer(
-                f"the subgoals of Agent_{agent_number(name, task)} are there twice", Finding.OTHER_FORM
-            )
+            told = f"the subgoals of Agent_{agent_number(name, task)} are there twice"
+            raise BadAnswer(told, Finding.OTHER_FORM)
     subgoals = tuple(subgoal for agent, line in lines.items() for subgoal in _subgoals(agent, line, task))
     constraints = []
     for kind in KINDS:
@@ -425,12 +397,10 @@ def most_subgoals(task: Task) -> int:
 def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
     """The subgoals in an agent's line. Raises BadAnswer for more than the task can have use for."""
     parts = [part for part in line.split(";") if part.strip()]
-    if len(parts) > most_subgoals(task):
-        raise BadAnswer(
-            f"Agent_{agent} has {len(parts)} subgoals; in one answer for {task.name} an agent has up to "
-            f"{most_subgoals(task)}",
-            Finding.TOO_MANY_SUBGOALS,
-        )
+    if len(parts) > (most := most_subgoals(task)):
+        allowed = f"in one answer for {task.name} an agent has up to {most}"
+        told = f"Agent_{agent} has {len(parts)} subgoals; {allowed}"
+        raise BadAnswer(told, Finding.TOO_MANY_SUBGOALS)
     try:
         found = [read_subgoal(agent, part, task.vocabulary) for part in parts]
     except Misread as error:

@@ -17,9 +17,9 @@ from typing import Any
 
 import httpx2
 import openai
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from rf_exp.datagen.brain.protocol import BadAnswer, Rejected, Unreached
+from rf_exp.datagen.brain.protocol import BadAnswer
 from rf_exp.datagen.brain.talk import Connection, Message, Usage
 from rf_exp.findings import Finding
 from rf_exp.texts import printable
@@ -82,29 +82,28 @@ async def request(
             )
             return received(response.content, response.headers.get("Content-Type", "no type"))
     except TimeoutError:
-        raise Unreached(f"the model did not answer within {connection.deadline_s:g} s") from None
+        told = f"the model did not answer within {connection.deadline_s:g} s"
+        raise BadAnswer(told, Finding.UNREACHED) from None
     except openai.OpenAIError as error:
         raise _unanswered(error, connection) from None
 
 
 def _unanswered(error: openai.OpenAIError, connection: Connection) -> BadAnswer:
     """Why there is no answer, in the words of the client or of the server."""
+    finding, why, cause = Finding.UNREACHED, printable(error), error.__cause__ or error
     if isinstance(error, openai.APITimeoutError):
         asked = f"asked {connection.retries + 1} times"
-        return Unreached(f"the model did not answer within {connection.timeout_s:g} s, {asked}")
+        return BadAnswer(f"the model did not answer within {connection.timeout_s:g} s, {asked}", finding)
     if isinstance(error, openai.RateLimitError):
-        return Unreached(f"the model was not reached: too many requests ({printable(error)})")
-    if isinstance(error, openai.APIStatusError):
-        kind = Rejected if error.status_code in _REJECTED else Unreached
-        return kind(
-            f"the model was not reached: the server answered {error.status_code} ({printable(error)})"
-        )
-    if isinstance(error, openai.APIConnectionError):
-        cause = error.__cause__ or error
+        why = f"too many requests ({why})"
+    elif isinstance(error, openai.APIStatusError):
+        finding = Finding.REJECTED if error.status_code in _REJECTED else finding
+        why = f"the server answered {error.status_code} ({why})"
+    elif isinstance(error, openai.APIConnectionError):
         if isinstance(cause, BadAnswer):
             return cause
-        return Unreached(f"the model was not reached: {type(cause).__name__} ({printable(cause)})")
-    return Unreached(f"the model was not reached: {printable(error)}")
+        why = f"{type(cause).__name__} ({printable(cause)})"
+    return BadAnswer(f"the model was not reached: {why}", finding)
 
 
 def _wire(message: Message) -> Any:
@@ -122,17 +121,16 @@ def _wire(message: Message) -> Any:
 async def _bound(response: httpx2.Response) -> None:
     """Puts the limit between the connection and everything that reads the body, also that of an error."""
     if response.has_redirect_location:
-        raise Unreached(
+        raise BadAnswer(
             f"the model was not reached: the server answered {response.status_code} and sends on to "
             f"{printable(response.headers['Location'])!r}; no redirect is followed, so that the key goes to "
-            "no other place; if that is the right one, give it as brain.base_url"
+            "no other place; if that is the right one, give it as brain.base_url",
+            Finding.UNREACHED,
         )
     packed = response.headers.pop("Content-Encoding", "identity").strip().lower()
     if packed not in ("gzip", "identity"):
-        raise BadAnswer(
-            f"the answer is packed as {printable(packed, 60)!r}; asked for was gzip or nothing",
-            Finding.NO_ANSWER,
-        )
+        told = f"the answer is packed as {printable(packed, 60)!r}; asked for was gzip or nothing"
+        raise BadAnswer(told, Finding.NO_ANSWER)
     assert isinstance(response.stream, httpx2.AsyncByteStream)
     response.stream = _Bounded(response.stream, packed == "gzip")
     response.encoding = "utf-8"  # whatever the server says: some of Python's codecs unpack, too
@@ -189,11 +187,6 @@ class _Choice(BaseModel):
     finish_reason: str | None = None
 
 
-class _Usage(BaseModel):
-    prompt_tokens: int = Field(0, ge=0)
-    completion_tokens: int = Field(0, ge=0)
-
-
 class _Completion(BaseModel):
     """The part of a chat completion that matters; servers differ in the rest."""
 
@@ -206,12 +199,10 @@ def received(body: bytes, kind: str) -> Received:
     try:
         completion = _Completion.model_validate_json(body)
     except ValidationError as error:
+        told = f"the server's answer is not a chat completion: {error.errors()[0]['msg']}"
         begins = printable(body[:60].decode("utf-8", "replace"))
-        raise BadAnswer(
-            f"the server's answer is not a chat completion: {error.errors()[0]['msg']}; it is "
-            f"{printable(kind, 60)} and begins {begins!r}",
-            Finding.NO_ANSWER,
-        ) from None
+        told = f"{told}; it is {printable(kind, 60)} and begins {begins!r}"
+        raise BadAnswer(told, Finding.NO_ANSWER) from None
     choice = completion.choices[0]
     try:
         said: str | BadAnswer = _content(choice)
@@ -223,10 +214,9 @@ def received(body: bytes, kind: str) -> Received:
 def _usage(told: object) -> Usage | None:
     """The tokens that a server tells of, whatever else it tells; None where it does not."""
     try:
-        found = _Usage.model_validate(told)
+        return TypeAdapter(Usage).validate_python(told)
     except ValidationError:
         return None
-    return Usage(found.prompt_tokens, found.completion_tokens)
 
 
 def _content(choice: _Choice) -> str:

@@ -12,13 +12,13 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import dacite
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from rf_exp.artifacts import write_text
-from rf_exp.datagen.brain.protocol import BadAnswer, Rejected, Unreached, read_object, strict_answer
+from rf_exp.datagen.brain.protocol import BadAnswer, read_object, strict_answer
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Finding
 from rf_exp.secrets import SECRET, check_address, check_environment_name, no_key_here, without
@@ -141,19 +141,14 @@ class Message:
 class Usage:
     """What an answer costs, as the server counts it."""
 
-    prompt_tokens: int = 0
-    completion_tokens: int = 0
-
-    def __add__(self, other: "Usage") -> "Usage":
-        prompt = self.prompt_tokens + other.prompt_tokens
-        return Usage(prompt, self.completion_tokens + other.completion_tokens)
+    prompt_tokens: Annotated[int, Field(ge=0)] = 0
+    completion_tokens: Annotated[int, Field(ge=0)] = 0
 
 
 class Chat(Protocol):
     """Something that answers messages, live or from a recording."""
 
-    calls: int  # answered
-    usage: Usage  # of all of them
+    asked: "list[Exchange]"  # in this episode
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """The text of the answer, wanted as JSON of that schema. Raises BadAnswer for no answer."""
@@ -187,7 +182,7 @@ class Exchange:
     def answer(self) -> str:
         """The reply. Raises BadAnswer where there is none."""
         if self.reply is None:
-            raise BadAnswer(str(self.error), self.finding)
+            raise BadAnswer(str(self.error), self.finding or Finding.REFUSED)
         return self.reply
 
 
@@ -228,18 +223,14 @@ class OpenAIChat:
     def __init__(self, connection: Connection, path: Path | None) -> None:
         self._connection, self._path = connection, path
         self._key = connection.key()
-        self.calls, self.usage = 0, Usage()
-        self._kept: list[Exchange] = []
+        self.asked: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         from rf_exp.datagen.brain.request import Received, request  # half a second; only for who asks a model
 
-        if self.calls >= self._connection.budget:
-            raise BadAnswer(
-                f"the model was not asked: the budget of {self._connection.budget} calls is used up",
-                Finding.SPENT,
-            )
-        self.calls += 1
+        if len(self.asked) >= self._connection.budget:
+            told = f"the model was not asked: the budget of {self._connection.budget} calls is used up"
+            raise BadAnswer(told, Finding.SPENT)
         self._wait_turn()
         began = time.perf_counter()
         try:
@@ -247,9 +238,8 @@ class OpenAIChat:
         except BadAnswer as failure:
             received = Received(failure)
         said = received.said
-        self.usage = self.usage + (received.usage or Usage())
         exchange = Exchange(
-            call=self.calls,
+            call=len(self.asked) + 1,
             purpose=purpose,
             question_sha256=question_sha256(purpose, messages),
             messages=[without_pictures(message) for message in messages],
@@ -262,21 +252,21 @@ class OpenAIChat:
             usage=received.usage,
             finding=said.finding if isinstance(said, BadAnswer) else None,
         )
-        self._kept.append(exchange)
+        self.asked.append(exchange)
         self._keep()
         return exchange.answer
 
     def judged(self, verdicts: Sequence[str]) -> None:
         """Notes what became of the proposals of the episode, in their order."""
-        proposed = [at for at, each in enumerate(self._kept) if each.purpose == "propose"]
+        proposed = [at for at, each in enumerate(self.asked) if each.purpose == "propose"]
         for at, verdict in zip(proposed, verdicts, strict=False):
-            self._kept[at] = replace(self._kept[at], verdict=verdict)
+            self.asked[at] = replace(self.asked[at], verdict=verdict)
         self._keep()
 
     def _keep(self) -> None:
         """Writes the exchanges so far in the place of what is there."""
         if self._path is not None:
-            write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self._kept))
+            write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self.asked))
 
     def _wait_turn(self) -> None:
         now_s = time.monotonic()
@@ -291,22 +281,21 @@ class ReplayChat:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._recorded = read(path) if path.exists() else None
-        self.calls, self.usage = 0, Usage()
+        self.asked: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """Raises BadAnswer when nothing was recorded, when it is over, or for another question."""
-        call = self.calls + 1
         if self._recorded is None:
             raise BadAnswer(f"there is no recording {self._path}")
-        if call > len(self._recorded):
+        if len(self.asked) == len(self._recorded):
             raise BadAnswer(f"the recording {self._path} is over after {len(self._recorded)} calls")
-        exchange = self._recorded[self.calls]
+        exchange = self._recorded[len(self.asked)]
         if exchange.question_sha256 != question_sha256(purpose, messages):
             raise BadAnswer(
-                f"call {call} asks another question than the recording {self._path}: "
+                f"call {len(self.asked) + 1} asks another question than the recording {self._path}: "
                 f"{_difference(exchange, purpose, messages)}"
             )
-        self.calls, self.usage = call, self.usage + (exchange.usage or Usage())
+        self.asked.append(exchange)
         return exchange.answer
 
     def judged(self, verdicts: Sequence[str]) -> None:
@@ -355,9 +344,9 @@ def probe(connection: Connection, task: Task) -> Probe:
         text = asyncio.run(request(asked, key, _QUESTION, answer.model_json_schema())).text
     except BadAnswer as error:
         reason = without(str(error), key)
-        if isinstance(error, Unreached):
+        if error.finding is Finding.UNREACHED:
             return Probe("unreachable", f"{who}: {reason}")
-        if isinstance(error, Rejected):
+        if error.finding is Finding.REJECTED:
             return Probe("refused", f"{who} refuses a request with the JSON schema: {reason}")
         return Probe("unknown", f"{who} answers, but not so that the JSON schema shows: {reason}")
     try:

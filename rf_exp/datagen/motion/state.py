@@ -42,7 +42,7 @@ def name_of(obstacle: Obstacle) -> str:
     return agent_name(obstacle) if isinstance(obstacle, int) else obstacle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
     """What planning believes at one moment: joints, grippers, what is held, where things are."""
 

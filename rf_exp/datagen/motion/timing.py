@@ -5,9 +5,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from rf_exp.datagen.motion.state import Floats
 from rf_exp.errors import StageError
 from rf_exp.types import CONTROL_DT_S, JointLimits
 
@@ -20,7 +20,7 @@ CORNER_RAD = 0.1  # radius at which a corner that `blend` has rounded would be p
 SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
 
 
-def densify(via: NDArray[np.float64]) -> NDArray[np.float64]:
+def densify(via: Floats) -> Floats:
     """Points (M, D) about SPACING_RAD apart along the polyline of via points (K, D)."""
     gaps = np.abs(np.diff(via, axis=0)).max(axis=1)
     via = via[np.concatenate([[True], gaps > 1e-9])]
@@ -31,7 +31,7 @@ def densify(via: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.interp(grid, s, joint) for joint in via.T])
 
 
-def blend(points: NDArray[np.float64], radius_rad: float) -> NDArray[np.float64]:
+def blend(points: Floats, radius_rad: float) -> Floats:
     """Dense points (M, D) with corners rounded over +- radius; both ends stay exactly where they are.
 
     A motion that need not stop at a corner is much shorter in time than two that do. The moving
@@ -53,7 +53,7 @@ def blend(points: NDArray[np.float64], radius_rad: float) -> NDArray[np.float64]
     return smooth
 
 
-def duration_s(corners: NDArray[np.float64], limits: JointLimits) -> NDArray[np.float64]:
+def duration_s(corners: Floats, limits: JointLimits) -> Floats:
     """(...) about how long `parameterise` makes rest-to-rest motions round corners (..., K, D) rad.
 
     Legs are straight, corners rounded by `blend`: at each there is a highest speed, between them as much
@@ -83,7 +83,7 @@ def duration_s(corners: NDArray[np.float64], limits: JointLimits) -> NDArray[np.
     return np.where(np.isnan(total_s), np.inf, total_s)
 
 
-def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np.float64]:
+def parameterise(points: Floats, limits: JointLimits) -> Floats:
     """Fastest rest-to-rest motion along points (M, D) rad, sampled at the control rate: (T, D).
 
     The first sample is one control step after the start, the last lies exactly on the end. The
@@ -133,7 +133,7 @@ def _within(limits: JointLimits, dimensions: int) -> "list[Constraint]":
     ]
 
 
-def _excess(start: NDArray[np.float64], timed: NDArray[np.float64], limits: JointLimits) -> float:
+def _excess(start: Floats, timed: Floats, limits: JointLimits) -> float:
     """By what factor the samples (T, D) would have to be slowed down to keep the limits."""
     positions = np.concatenate([start[None], start[None], timed, timed[-1:]])
     velocity = np.diff(positions, axis=0) / CONTROL_DT_S
