@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints import Paths, Plan
 from rf_exp.datagen.motion.state import Floats
 from rf_exp.datagen.obstacles import placed_at
-from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.findings import About, Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Mask, Swept, closer_than, nearest
 from rf_exp.robots import Arm
 from rf_exp.tasks import Task
@@ -241,16 +241,11 @@ class ObjectMotionWatch:
             if name in handled:
                 self._rest[name] = here
             elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > MOVED_M:
+                finding = Finding.CLUTTER_MOVED if name in scene.clutter else Finding.OBJECT_MOVED
+                facts: About = {"measured": True, "object": name}
+                check, cause, time_s = CheckName.OBJECT_MOTION, Cause.CONTACT, scene.time_s
                 return Violation(
-                    Finding.CLUTTER_MOVED if name in scene.clutter else Finding.OBJECT_MOVED,
-                    moved_m,
-                    MOVED_M,
-                    "m",
-                    check=CheckName.OBJECT_MOTION,
-                    cause=Cause.CONTACT,
-                    time_s=scene.time_s,
-                    measured=True,
-                    object=name,
+                    finding, moved_m, MOVED_M, "m", check=check, cause=cause, time_s=time_s, **facts
                 )
         return None
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.stl import Execution
 from rf_exp.coordination import actions, intended
-from rf_exp.datagen.answers import Answers
 from rf_exp.datagen.brain import Brain, FaultyBrain, LanguageBrain, Question, to_json
 from rf_exp.datagen.disturb import Disturbance, ObjectMotionWatch, nearer
 from rf_exp.datagen.driving import (
@@ -30,11 +29,12 @@ from rf_exp.datagen.driving import (
 )
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
-from rf_exp.findings import Account, Dialogue, Violation
+from rf_exp.findings import Account, Answer, Dialogue, Ruling, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
 from rf_exp.processes import Timeout, in_order
 from rf_exp.sim import Limited, depth_and_segmentation, shared_simulator
+from rf_exp.statements import Statement, Step, Unread
 from rf_exp.tasks import Ledger, SuccessEvaluator, scene_certificate
 from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (
@@ -166,6 +166,19 @@ class EpisodeMaker:
         return made
 
 
+def missing(asked: Iterable[Statement], stated: Iterable[Statement]) -> list[Statement]:
+    """Those constraints that nothing stated asks of the same agents and things, whatever its numbers."""
+    known = {_about(each) for each in stated}
+    return [each for each in asked if _about(each) not in known]
+
+
+def _about(stated: Statement) -> tuple[object, ...]:
+    """What two statements have in common that differ in their numbers, or in the order of agents, alone."""
+    steps: Iterator[object] = (part for part in vars(stated).values() if isinstance(part, Step))
+    words = (part for part in vars(stated).values() if isinstance(part, str))
+    return type(stated), frozenset(stated.agents), frozenset(stated.names), *steps, *words
+
+
 class _Frame(NamedTuple):
     """One control step: what was seen, what was intended then, what was done, what for, what it led to."""
 
@@ -186,7 +199,7 @@ class _Making:
         self._usual, self._settings, self._seed = maker.settings.task, maker.settings.of(seed), seed
         self._world, self._observer, self._extras = maker.world, maker.observer, maker.extras
         self._planner, self._ledger = Planner(self._settings, maker.brain), Ledger()
-        self._answers = Answers()
+        self._answers: list[Answer] = []
         self._frames: list[_Frame] = []
         self._proposed: list[dict[str, object]] = []  # proposals with their checks, and violations, as JSON
         self._perturbations = np.random.default_rng([seed, DISTURBANCES])
@@ -206,6 +219,8 @@ class _Making:
         if self.told is not None:  # what was put down may need a moment to come to rest
             follow(self, np.tile(self.told, (_SETTLE_STEPS, 1, 1)))
         success = self._verdict.success and not self._object_moved
+        told = [frame.action for frame in self._frames]
+        busy = np.diff(told, axis=0).any(axis=2).sum(axis=0).tolist() if told else []
         return Outcome(
             self._seed,
             success,
@@ -216,7 +231,7 @@ class _Making:
             time.perf_counter() - self._began,
             replace(self._ledger.account(success), rejections=tuple(rejections), refused=self._object_moved),
             self._episode() if success else None,
-            self._answers.dialogue([frame.action for frame in self._frames]),
+            Dialogue(tuple(self._answers), busy=tuple(busy)),
         )
 
     def _rounds(self, rng: np.random.Generator) -> list[Violation]:
@@ -229,20 +244,36 @@ class _Making:
                 break
             pictures = self._world.images() if self._world.cameras else {}
             question = Question(settings.task, self.scene, pictures, done, feedback)
-            result = self._plan(question, rng)
-            stopped = self._execute(result) if isinstance(result, Planned) else None
-            self._answers.note(question, self._planner.proposal, result, stopped)
-            if result is None:  # the brain has nothing left to do
-                break
-            violation = result if isinstance(result, Violation) else stopped
-            if isinstance(result, Planned) and violation is None:
-                feedback, done = (), done + result.proposal.subgoals
-            elif violation is not None:
+            plan = self._plan(question, rng)
+            violation = self._execute(plan) if isinstance(plan, Planned) else plan
+            self._note(question, plan, violation)
+            if violation is not None:
                 rejections.append(violation)
                 feedback = (violation,)
                 self._proposed.append({"violation": {**asdict(violation), "reason": violation.sentence}})
                 self._observer.rejected(violation)
+            elif isinstance(plan, Planned):
+                feedback, done = (), done + plan.proposal.subgoals
+            else:  # the brain has nothing left to do
+                break
         return rejections
+
+    def _note(
+        self, question: Question, plan: Planned | Violation | None, violation: Violation | None
+    ) -> None:
+        """Keeps what became of RoboBrain's answer, beside what the scripted plan asks there."""
+        ruling, told = Ruling.NOTHING_LEFT if violation is None else Ruling.REFUSED, dict[str, float]()
+        if isinstance(plan, Planned):
+            ruling = Ruling.CARRIED_OUT if violation is None else Ruling.STOPPED
+            steps = {"makespan_s": len(plan.schedule), "bound_s": plan.schedule.makespan_bound}
+            told = {name: round(count * CONTROL_DT_S, 3) for name, count in steps.items()}
+        stated = self._planner.proposal.constraints if self._planner.proposal is not None else ()
+        asked = question.task.module.plan(question.scene, question.task).constraints
+        understood = sum(not isinstance(each, Unread) for each in stated)
+        counts = len(stated), understood, len(asked), len(missing(asked, stated))
+        now = 1 + sum(each.ruling is Ruling.CARRIED_OUT for each in self._answers)
+        code = violation.code if violation is not None else ""
+        self._answers.append(Answer(now, ruling, code, *counts, **told))
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Planned | Violation | None:
         scene = as_commanded(self._looked_at(question.scene), self.told)
@@ -377,10 +408,8 @@ def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
 def _judged(verdicts: Sequence[Verdict]) -> Judged:
     """How far each condition was met, step by step."""
     names = tuple(verdicts[0].evidence)
-    found = [
-        [verdict.measured.get(name) or _yes_or_no(verdict.evidence[name]) for name in names]
-        for verdict in verdicts
-    ]
+    plain = {holds: Measured(holds, float(holds), 1.0, "", True) for holds in (False, True)}
+    found = [[each.measured.get(n) or plain[each.evidence[n]] for n in names] for each in verdicts]
     return Judged(
         names,
         np.array([[each.value for each in row] for row in found], np.float32),
@@ -388,10 +417,6 @@ def _judged(verdicts: Sequence[Verdict]) -> Judged:
         np.array([[UNITS.index(each.unit) for each in row] for row in found], np.uint8),
         np.array([[each.holds for each in row] for row in found], np.bool_),
     )
-
-
-def _yes_or_no(holds: bool) -> Measured:
-    return Measured(holds, float(holds), 1.0, "", True)
 
 
 def make_episode(

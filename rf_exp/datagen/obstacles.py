@@ -10,7 +10,7 @@ import numpy as np
 
 from rf_exp.datagen.motion.request import destinations, support
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, Points, State, Unreachable, name_of
-from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.findings import About, Cause, CheckName, Finding, Violation
 from rf_exp.geometry import (
     AGENT_MARGIN_M,
     OBJECT_MARGIN_M,
@@ -80,9 +80,9 @@ class Obstacles:
     ) -> tuple[PlanningScene, Sequence[InTheWay]]:
         """The predicted scene, and what is in the way there; many together, as most often none is near."""
         qpos = self._scene.qpos.copy()
-        for agent, joints in state.qpos.items():
-            qpos[agent - 1, : len(joints)] = joints
-            fingers_of(qpos)[agent - 1] = self._task.arms[agent].robot.hand.open_m
+        for each, joints in state.qpos.items():
+            qpos[each - 1, : len(joints)] = joints
+            fingers_of(qpos)[each - 1] = self._task.arms[each].robot.hand.open_m
         held = tuple(state.held.get(agent, (None,))[0] for agent in self._task.agents)
         scene = replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held)
         planning_scene, found = PlanningScene(self._task, scene), list[InTheWay]()
@@ -143,10 +143,9 @@ def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
     stay = [name for name in task.objects if name not in about and name not in scene.held]
     for put in puts:
         for name in stay:
-            if name != put.subgoal.target:
-                depth_m = _least_depth_m(task, scene, put, name, [scene.poses[name]])
-                if depth_m > 0:
-                    return _taken(scene, put, name, depth_m)
+            here = [scene.poses[name]]
+            if name != put.subgoal.target and (depth_m := _least_depth_m(task, scene, put, name, here)) > 0:
+                return _taken(scene, put, name, depth_m)
     once = [put for put in puts if [each.name for each in puts].count(put.name) == 1]
     for put, other in combinations(once, 2):
         falls = [not support(task, each.subgoal) for each in (put, other)]
@@ -197,16 +196,10 @@ def _radius_m(asset: Asset) -> float:
 
 
 def _taken(scene: Scene, put: _Put, obstacle: str, depth_m: float) -> Violation:
+    about, at = put.subgoal, put.subgoal.target or ""
+    facts: About = {"agents": (about.agent,), "subgoals": (about.text,), "object": put.name, "aspect": at}
+    facts["obstacles"] = (obstacle,)
+    time_s = scene.time_s
     return Violation(
-        check=CheckName.MOTION,
-        cause=Cause.SPACE,
-        finding=Finding.TAKEN,
-        value=-depth_m,
-        unit="m",
-        time_s=scene.time_s,
-        agents=(put.subgoal.agent,),
-        subgoals=(put.subgoal.text,),
-        object=put.name,
-        aspect=put.subgoal.target or "",
-        obstacles=(obstacle,),
+        Finding.TAKEN, -depth_m, unit="m", check=CheckName.MOTION, cause=Cause.SPACE, time_s=time_s, **facts
     )

@@ -43,9 +43,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
-            raise ArgumentError(
-                f"disturbance_rad is {self.disturbance_rad}; expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
-            )
+            possible = f"expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
+            raise ArgumentError(f"disturbance_rad is {self.disturbance_rad}; {possible}")
         if not 0 <= self.delay_s <= LONGEST_DELAY_S:
             raise ArgumentError(f"delay_s is {self.delay_s}; expected 0 to {LONGEST_DELAY_S} s")
         if self.attempts < 1:
@@ -56,13 +55,8 @@ class Settings:
         cls, task: Task, constraint_set: ConstraintSet, brain: BrainSpec, **changes: Any
     ) -> "Settings":
         """As conf/config.yaml says, but for `changes`; undisturbed, as only recipes of policies disturb."""
-        said = {
-            "limits": JointLimits(**default_of("limits")),
-            "attempts": default_of("attempts"),
-            "occupancy": default_of("occupancy"),
-            "disturbance_rad": 0.0,
-            "delay_s": 0.0,
-        }
+        said = {key: default_of(key) for key in ("attempts", "occupancy")}
+        said |= {"limits": JointLimits(**default_of("limits")), "disturbance_rad": 0.0, "delay_s": 0.0}
         return cls(task, constraint_set, brain, **(said | changes))
 
     def make_brain(self, seed: int) -> Brain:
@@ -222,6 +216,4 @@ def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:
 def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:
     """An answer that is not understood; what its reader says of it goes back to RoboBrain as it is."""
     finding = error.finding if isinstance(error, BadAnswer | Misread) else Finding.REFUSED
-    return Violation(
-        check=check, cause=Cause.ANSWER, finding=finding, time_s=scene.time_s, refusal=str(error)
-    )
+    return Violation(finding, check=check, cause=Cause.ANSWER, time_s=scene.time_s, refusal=str(error))

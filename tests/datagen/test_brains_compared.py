@@ -7,9 +7,9 @@ import pytest
 
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen import EpisodeMaker, Settings
-from rf_exp.datagen.answers import missing
 from rf_exp.datagen.brain import BadAnswer, FaultySpec, Question, RandomSpec, from_json, legal
 from rf_exp.datagen.brain.protocol import strict_answer
+from rf_exp.datagen.episode import missing
 from rf_exp.findings import Dialogue, Finding, Misread, Ruling
 from rf_exp.sim import Simulator
 from rf_exp.statements import AvoidAgents, KeepLevel, Proposal, read, read_subgoal, understood

@@ -273,7 +273,7 @@ class _Constraints(_Part):
     spatial: list[_Constraint] = Field(default_factory=list, alias="Spatial", max_length=100)
 
 
-def _line(part: object) -> object:
+def _line(part: Any) -> object:
     """Several subgoals of an agent as a list; none as null."""
     several = isinstance(part, list) and all(isinstance(each, str) for each in part)
     return "; ".join(part) if several else part or ""
