@@ -36,19 +36,22 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
     can do, BadAnswer for what cannot be left open.
     """
     if all(subgoal.agent != ANYBODY for subgoal in proposal.subgoals):
-        _nothing_open(proposal.constraints)
+        for each in proposal.constraints:
+            if ANYBODY in each.agents:
+                told = f"constraint {each.sentence!r} is about anybody, but the plan says who does what"
+                raise BadAnswer(f"{told}; name the agent")
         return proposal
-    reach = Reach(task.arms, limits, _free, Search(np.random.default_rng(0)))  # no path is looked for
+    nothing = Search(np.random.default_rng(0))  # is looked for, and nothing in the way
+    reach = Reach(task.arms, limits, lambda *_, **__: None, nothing)
     state = present_state(task, scene)
     jobs = list(_jobs(proposal.subgoals))
     takes_s = np.full((len(jobs), len(task.agents)), np.inf)
     poses = dict(scene.poses)  # with what jobs before have moved
     for job, row in zip(jobs, takes_s, strict=True):
-        able = task.agents if job[0].agent == ANYBODY else (job[0].agent,)
-        for agent in able:
-            now = replace(state, poses=poses)
+        now, is_open = replace(state, poses=poses), job[0].agent == ANYBODY
+        for agent in task.agents if is_open else (job[0].agent,):
             row[agent - 1] = _takes_s(task, reach, [replace(each, agent=agent) for each in job], now)
-        if not np.isfinite(row).any() and job[0].agent == ANYBODY:
+        if is_open and not np.isfinite(row).any():
             what = (job[0].text,) if len(job) == 1 else (f"{job[0].text} and {job[-1].text}",)
             raise Unreachable(Cause.REACH, Finding.NOBODY, task.agents, subgoals=what)
         poses |= _moved(task, job, replace(scene, poses=poses))
@@ -63,10 +66,6 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
         for each in job
     )
     return Proposal(subgoals, tuple(_stated(proposal.constraints, subgoals)))
-
-
-def _free(*_: object, **__: object) -> None:
-    """Nothing is in the way."""
 
 
 def _jobs(subgoals: Sequence[Subgoal]) -> Iterator[Job]:
@@ -126,13 +125,3 @@ def _known(part: Any, subgoals: Sequence[Subgoal], sentence: str) -> Any:
             )
         changes["agent"] = agents.pop()
     return replace(part, **changes) if changes else part
-
-
-def _nothing_open(constraints: Sequence[Statement]) -> None:
-    """Raises BadAnswer for a constraint about anybody in a plan that says who does what."""
-    for each in constraints:
-        if ANYBODY in each.agents:
-            raise BadAnswer(
-                f"constraint {each.sentence!r} is about anybody, but the plan says who does what; "
-                "name the agent"
-            )

@@ -32,7 +32,7 @@ from pydantic import (
 from rf_exp.datagen.brain.legal import Legal
 from rf_exp.errors import StageError
 from rf_exp.findings import Finding, Misread, Violation
-from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
+from rf_exp.statements import Proposal, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
 from rf_exp.types import ANYBODY, ConstraintSet, Kind, Scene, Subgoal
@@ -336,17 +336,12 @@ def to_json(proposal: Proposal) -> str:
     for subgoal in proposal.subgoals:
         key = agent_name(subgoal.agent)
         subgoals[key] = f"{subgoals[key]}; {subgoal.text}" if key in subgoals else subgoal.text
-    constraints = {
-        kind.capitalize(): [_entry(each) for each in proposal.constraints if each.kind == kind]
-        for kind in KINDS
-    }
+    constraints: dict[str, list[object]] = {kind.capitalize(): [] for kind in KINDS}
+    for stated in proposal.constraints:
+        names = [agent_name(agent) for agent in stated.agents]
+        who = {"Agent": names[0]} if len(names) == 1 else {"Agents": names}
+        constraints[stated.kind.capitalize()].append({**who, "Constraint": stated.sentence})
     return json.dumps({"Subgoals": subgoals, "Constraints": constraints}, indent=2)
-
-
-def _entry(stated: Statement) -> dict[str, object]:
-    names = [agent_name(agent) for agent in stated.agents]
-    who: dict[str, object] = {"Agent": names[0]} if len(names) == 1 else {"Agents": names}
-    return {**who, "Constraint": stated.sentence}
 
 
 def from_json(text: str, task: Task) -> Proposal:

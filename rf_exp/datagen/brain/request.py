@@ -205,35 +205,27 @@ def received(body: bytes, kind: str) -> Received:
         raise BadAnswer(told, Finding.NO_ANSWER) from None
     choice = completion.choices[0]
     try:
-        said: str | BadAnswer = _content(choice)
-    except BadAnswer as error:
-        said = error
-    return Received(said, choice.finish_reason, _usage(completion.usage))
-
-
-def _usage(told: object) -> Usage | None:
-    """The tokens that a server tells of, whatever else it tells; None where it does not."""
-    try:
-        return TypeAdapter(Usage).validate_python(told)
+        usage = TypeAdapter(Usage).validate_python(completion.usage)
     except ValidationError:
-        return None
+        usage = None  # servers tell many things, or nothing
+    return Received(_content(choice), choice.finish_reason, usage)
 
 
-def _content(choice: _Choice) -> str:
-    """The model's text; what it thought, as `<think>`, where it wrote JSON there and nothing elsewhere.
+def _content(choice: _Choice) -> str | BadAnswer:
+    """The model's text, or why there is none.
 
-    Raises BadAnswer that says why there is none.
+    It is what the model thought, as `<think>`, where it wrote JSON there and nothing elsewhere.
     """
     message = choice.message
     parts = message.content if isinstance(message.content, list) else [message.content]
     said = [each.get("refusal") for each in parts if isinstance(each, dict)]
     if refusal := message.refusal or next((each for each in said if each), None):
-        raise BadAnswer(f"the model refuses: {printable(refusal)}", Finding.DECLINED)
+        return BadAnswer(f"the model refuses: {printable(refusal)}", Finding.DECLINED)
     if choice.finish_reason == "length":
         told = "the answer is cut off: it reached brain.max_tokens before its end"
-        raise BadAnswer(told, Finding.CUT_OFF)
+        return BadAnswer(told, Finding.CUT_OFF)
     if choice.finish_reason == "content_filter":
-        raise BadAnswer("the answer is withheld by the server's content filter", Finding.DECLINED)
+        return BadAnswer("the answer is withheld by the server's content filter", Finding.DECLINED)
     called = [call.function for call in message.tool_calls or ()] + [message.function_call]
     found = [each.arguments for each in called if each is not None]
     texts = [each if isinstance(each, str) else json.dumps(each) for each in found if each]
@@ -241,15 +233,15 @@ def _content(choice: _Choice) -> str:
     if "".join(texts).strip():
         return "\n".join(texts)
     if found:
-        raise BadAnswer("the answer is a tool call without arguments", Finding.NO_ANSWER)
+        return BadAnswer("the answer is a tool call without arguments", Finding.NO_ANSWER)
     thought = "\n".join(dict.fromkeys(_thoughts(message, parts)))
     if "{" in thought:
         return f"<think>{thought}"
     if thought.strip() or message.reasoning or message.reasoning_content:
-        raise BadAnswer("the answer is thinking only: it has no text", Finding.NO_ANSWER)
+        return BadAnswer("the answer is thinking only: it has no text", Finding.NO_ANSWER)
     others = sorted({printable(str(each.get("type")), 40) for each in parts if isinstance(each, dict)})
     told = f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}"
-    raise BadAnswer(told, Finding.NO_ANSWER)
+    return BadAnswer(told, Finding.NO_ANSWER)
 
 
 def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:

@@ -231,7 +231,9 @@ class OpenAIChat:
         if len(self.asked) >= self._connection.budget:
             told = f"the model was not asked: the budget of {self._connection.budget} calls is used up"
             raise BadAnswer(told, Finding.SPENT)
-        self._wait_turn()
+        if (early_s := OpenAIChat._free_at_s - time.monotonic()) > 0:
+            time.sleep(early_s)
+        OpenAIChat._free_at_s = time.monotonic() + self._connection.min_interval_s
         began = time.perf_counter()
         try:
             received = asyncio.run(request(self._connection, self._key, messages, schema))
@@ -267,12 +269,6 @@ class OpenAIChat:
         """Writes the exchanges so far in the place of what is there."""
         if self._path is not None:
             write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self.asked))
-
-    def _wait_turn(self) -> None:
-        now_s = time.monotonic()
-        if OpenAIChat._free_at_s > now_s:
-            time.sleep(OpenAIChat._free_at_s - now_s)
-        OpenAIChat._free_at_s = time.monotonic() + self._connection.min_interval_s
 
 
 class ReplayChat:

@@ -77,9 +77,10 @@ class Approaches:
 
     def exact(self, estimate: Approach) -> Approach | None:
         """The same with all its points (K, dof), or None where there is no such line."""
+        goal = self.goals[estimate.goal]
         for begin, end in (self._finer(estimate), estimate.points):
             turns = np.append(TURNS_RAD, end[-1] - begin[-1])
-            lines = lines_to(self.arm, begin, self.goals[estimate.goal], turns)
+            lines = _through(self.arm, begin, _between(self.arm, begin, goal), turns)
             if len(lines):
                 takes_s = self._takes_s(begin, lines[:, lines.shape[1] // 2], lines[:, -1])
                 best = int((takes_s + self._dislike_s(begin, lines[:, -1])).argmin())
@@ -129,11 +130,6 @@ def along(arm: Arm, joints: Floats, poses: Floats, limits: JointLimits) -> Point
     return lines[(takes_s + _dislike_s(arm, joints, end)).argmin()]
 
 
-def lines_to(arm: Arm, joints: Floats, goal: Matrix, turns: Floats) -> Floats:
-    """Joint points (M, K, dof) of such lines; in each the last joint turns evenly, by another angle."""
-    return _through(arm, joints, _between(arm, joints, goal), turns)
-
-
 def _between(arm: Arm, joints: Floats, goal: Matrix) -> Floats:
     """(K, 4, 4) TCP poses on the straight line from joints (dof,) to a pose, which is the last."""
     start = arm.tcp(joints)
@@ -142,7 +138,7 @@ def _between(arm: Arm, joints: Floats, goal: Matrix) -> Floats:
 
 
 def _through(arm: Arm, joints: Floats, poses: Floats, turns: Floats) -> Floats:
-    """Joint points (M, K + 1, dof) through poses (K, 4, 4); in each the last joint turns evenly, as above."""
+    """Joint points (M, K + 1, dof) through poses (K, 4, 4); in each the last joint turns evenly."""
     count = len(poses)
     share = np.arange(1, count + 1) / count
     turns = turns if arm.robot.spare else turns[:1]

@@ -70,7 +70,9 @@ class Reach:
         """
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
-        up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
+        start = state.qpos[agent]
+        risen = self.line(agent, start, above(self.arms[agent].tcp(start), RISE_M)) if rise else None
+        up = start[None] if risen is None else risen
         for line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead):
             if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
                 obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
@@ -84,7 +86,8 @@ class Reach:
                 points = blend(corners, radius_rad)
                 obstacle = None
                 if round_it and len(path) > 2:
-                    detour = points[: _before(corners, line[0], radius_rad)]
+                    begins = int(np.abs(corners - line[0]).max(axis=1).argmin())  # rounding moves more
+                    detour = points[: max(1, begins - int(1.5 * radius_rad / SPACING_RAD))]
                     obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
                 obstacle = obstacle or self.blocked(agent, points, state, touches, between=True)
                 if obstacle is None:
@@ -103,10 +106,10 @@ class Reach:
 
         Of the first tier with any that can be reached.
         """
-        before = state.qpos[agent][None]
-        for tier in tiers:
-            least_s = np.inf
-            approaches, more_s = self._approaches(agent, before, tier, standoff_m, False, look_ahead)
+        arm, before = self.arms[agent], state.qpos[agent][None]
+        for goals in map(np.stack, tiers):
+            least_s, more_s = np.inf, look_ahead.after(goals)
+            approaches = Approaches(arm, self.limits, drawn_back(goals, standoff_m), goals, before)
             for each in sorted(approaches.estimated(look_ahead.rest_rad), key=lambda each: each.takes_s):
                 if each.takes_s >= least_s:
                     break
@@ -114,21 +117,6 @@ class Reach:
             if np.isfinite(least_s):
                 return least_s
         return np.inf
-
-    def _approaches(
-        self,
-        agent: int,
-        before: Points,
-        tier: Sequence[Matrix],
-        standoff_m: float,
-        down: bool,
-        look_ahead: LookAhead,
-    ) -> tuple[Approaches, Callable[[int, Points], float]]:
-        """Approaches to the goals of a tier, and what comes after one."""
-        goals = np.stack(tier)
-        pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
-        approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
-        return approaches, look_ahead.after(goals)
 
     def _straight_lines(
         self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, look_ahead: LookAhead
@@ -138,10 +126,11 @@ class Reach:
         Only those are made exact whose estimate is below all exact ones. Those from which what comes next
         cannot be reached come last of all.
         """
-        last = []
-        for tier in tiers:
-            before = up[[0, -1]] if len(up) > 1 else up
-            approaches, more_s = self._approaches(agent, before, tier, standoff_m, down, look_ahead)
+        last, before = [], up[[0, -1]] if len(up) > 1 else up
+        for goals in map(np.stack, tiers):
+            pregrasps = above(goals, standoff_m) if down else drawn_back(goals, standoff_m)
+            approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
+            more_s = look_ahead.after(goals)
             # What comes next is worked out only where the way alone takes no longer than all of another one.
             open_ = [
                 (round(each.takes_s, 6), number, False, each)
@@ -162,11 +151,6 @@ class Reach:
                 else:
                     last.append(way.points)
         yield from last
-
-    def _rise(self, agent: int, joints: Points) -> Points:
-        """Joint points (K, dof) straight up from where the arm is; only that where it cannot rise."""
-        line = self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
-        return joints[None] if line is None else line
 
     def _path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
         def free(points: Points) -> bool:
@@ -224,17 +208,16 @@ class Reach:
         return duration_s(corners, self.limits)
 
 
-def _before(corners: Points, joints: Points, radius_rad: float) -> int:
-    """How many of dense points (M, dof) come before those near joints (dof,) that rounding moves."""
-    at = int(np.abs(corners - joints).max(axis=1).argmin())
-    return max(1, at - int(1.5 * radius_rad / SPACING_RAD))
-
-
 def above(poses: Floats, height_m: float) -> Floats:
     """Poses (..., 4, 4), so much higher."""
     raised = poses.copy()
     raised[..., 2, 3] += height_m
     return raised
+
+
+def drawn_back(poses: Floats, by_m: float) -> Floats:
+    """Poses (..., 4, 4), so much back along the z axis of the tool."""
+    return poses @ transform((0.0, 0.0, -by_m))
 
 
 def turned(goal: Matrix, turns: int) -> list[Matrix]:

@@ -11,7 +11,7 @@ from itertools import takewhile
 import numpy as np
 
 from rf_exp.datagen.motion.branches import Arrivals
-from rf_exp.datagen.motion.reach import LookAhead, Reach, Tiers, above, contacts, turned
+from rf_exp.datagen.motion.reach import LookAhead, Reach, Tiers, above, contacts, drawn_back, turned
 from rf_exp.datagen.motion.state import Floats, Points, State, Unreachable
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.findings import Cause, Finding
@@ -204,8 +204,8 @@ def _taken_s(request: Request, taker: Subgoal, poses: Floats, state: State) -> F
     point = request.task.asset(name).points[taker.point or ""]
     hands = contacts(np.eye(4), point)
     goals = np.stack([pose @ hand for pose in poses for hand in hands])
-    pregrasps = goals @ transform((0.0, 0.0, -point.standoff_m))
-    found = Arrivals(request.reach.arms[taker.agent], pregrasps, goals).nearest(state.qpos[taker.agent])
+    arm, pregrasps = request.reach.arms[taker.agent], drawn_back(goals, point.standoff_m)
+    found = Arrivals(arm, pregrasps, goals).nearest(state.qpos[taker.agent])
     return request.reach.duration_s(found).reshape(len(poses), -1).min(axis=1)
 
 

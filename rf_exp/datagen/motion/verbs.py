@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.reach import CLEARANCE_M, LookAhead, Tiers, above, contacts
+from rf_exp.datagen.motion.reach import CLEARANCE_M, LookAhead, Tiers, above, contacts, drawn_back
 from rf_exp.datagen.motion.request import Request, ends, once_grasped, once_placed, support
 from rf_exp.datagen.motion.state import Blockage, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
@@ -41,9 +41,8 @@ def plan(request: Request, state: State) -> Motion:
     about = frozenset({*request.task.objects} & {request.subgoal.object, request.subgoal.target})
     verb = request.subgoal.verb
     if verb not in _PRIMITIVES:
-        raise ArgumentError(
-            f"verb {verb!r} has no motion primitive; rf_exp.datagen.add_primitive gives it one"
-        )
+        told = f"verb {verb!r} has no motion primitive"
+        raise ArgumentError(f"{told}; rf_exp.datagen.add_primitive gives it one")
     return _PRIMITIVES[verb](request, replace(state, targets=about))
 
 
@@ -55,15 +54,9 @@ def grasp(request: Request, state: State) -> Motion:
         raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
     point, tiers = _met(request, state)
     touches = frozenset({name})
+    what, after, round_it = request.subgoal.text, once_grasped(request, name, state), point.around > 1
     points = request.reach.timed(
-        agent,
-        tiers,
-        point.standoff_m,
-        state,
-        touches,
-        f"grasp {name} at {request.subgoal.point}",
-        round_it=point.around > 1,
-        look_ahead=once_grasped(request, name, state),
+        agent, tiers, point.standoff_m, state, touches, what, round_it=round_it, look_ahead=after
     )
     approach, state = request.segment("approach", points, state, touches)
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
@@ -119,8 +112,8 @@ def press(request: Request, state: State) -> Motion:
     point, tiers = _met(request, state)
     touches = frozenset({name})
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
-    what = f"press {name} at {request.subgoal.point}"
-    points = request.reach.timed(request.agent, tiers, point.standoff_m, state, touches, what)
+    agent, what = request.agent, request.subgoal.text
+    points = request.reach.timed(agent, tiers, point.standoff_m, state, touches, what)
     pressing, state = request.segment("press", points, state, touches)
     return (close, pressing), state
 
@@ -236,9 +229,8 @@ def lift_line(request: Request, state: State) -> Points:
     """Joint points (K, dof) of a lift straight up; K depends on the height alone."""
     _held(request, state)
     agent, subgoal = request.agent, request.subgoal
-    line = request.reach.line(
-        agent, state.qpos[agent], above(request.tcp(state), _required(subgoal.height_m))
-    )
+    goal = above(request.tcp(state), _required(subgoal.height_m))
+    line = request.reach.line(agent, state.qpos[agent], goal)
     if line is None:
         raise Unreachable(Cause.REACH, Finding.TOO_HIGH, (agent,), subgoals=(subgoal.text,))
     # What is lifted leaves the thing it stands on, which it touches at the start.
@@ -260,8 +252,8 @@ def _let_go(request: Request, state: State, touches: frozenset[str]) -> Motion:
 
 
 def _draw_back(request: Request, state: State, touches: frozenset[str]) -> tuple[Segment, State]:
-    agent, back = request.agent, request.tcp(state) @ transform((0.0, 0.0, -RETREAT_M))
-    line = request.reach.line(agent, state.qpos[agent], back)
+    agent = request.agent
+    line = request.reach.line(agent, state.qpos[agent], drawn_back(request.tcp(state), RETREAT_M))
     if line is None:
         raise Unreachable(Cause.REACH, Finding.NO_RETREAT, (agent,), object=request.subgoal.object)
     return request.segment("retreat", parameterise(line, request.reach.limits), state, touches)
