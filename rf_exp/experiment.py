@@ -114,8 +114,8 @@ class Experiment:
             )
         if self.foreign is not None:
             self._check_foreign(self.foreign)
-        if isinstance(self.brain, OpenAISpec) and self.brain.sight is not None:
-            self.brain.sight.check(self.pictures)
+        if isinstance(self.brain, OpenAISpec):
+            self.brain.check(self.pictures)
         if not self.pictures.render:
             self._check_blind()
 

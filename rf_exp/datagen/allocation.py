@@ -5,7 +5,7 @@ thing in a row, from the grasp on, or one press. How long a job takes an agent i
 look-ahead in planning, from where the agent is now, without what may be in the way; `assign` chooses.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -23,7 +23,6 @@ from rf_exp.datagen.motion.verbs import estimated_s
 from rf_exp.findings import Cause, Finding
 from rf_exp.statements import VERBS, Before, Proposal, Statement, Step
 from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix
 from rf_exp.types import ANYBODY, JointLimits, Scene, Subgoal
 
 Job = Sequence[Subgoal]  # of one agent, with one thing
@@ -41,8 +40,8 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
                 told = f"constraint {each.sentence!r} is about anybody, but the plan says who does what"
                 raise BadAnswer(f"{told}; name the agent")
         return proposal
-    nothing = Search(np.random.default_rng(0))  # is looked for, and nothing in the way
-    reach = Reach(task.arms, limits, lambda *_, **__: None, nothing)
+    # Nothing is in the way, and no path is looked for.
+    reach = Reach(task.arms, limits, lambda *_, **__: None, Search(np.random.default_rng(0)))
     state = present_state(task, scene)
     jobs = list(_jobs(proposal.subgoals))
     takes_s = np.full((len(jobs), len(task.agents)), np.inf)
@@ -54,7 +53,11 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
         if is_open and not np.isfinite(row).any():
             what = (job[0].text,) if len(job) == 1 else (f"{job[0].text} and {job[-1].text}",)
             raise Unreachable(Cause.REACH, Finding.NOBODY, task.agents, subgoals=what)
-        poses |= _moved(task, job, replace(scene, poses=poses))
+        for each in job:
+            if each.verb == "place" and each.object is not None:  # how it is turned there is not known yet
+                goals = destinations(task, replace(each, agent=1), replace(scene, poses=poses))
+                poses[each.object] = goals[0]
+                break
     open_ = [number for number, job in enumerate(jobs) if job[0].agent == ANYBODY]
     told = np.nan_to_num(np.delete(takes_s, open_, axis=0), posinf=0.0).sum(axis=0)
     assigned = assign(takes_s[open_], told)
@@ -92,14 +95,6 @@ def _takes_s(task: Task, reach: Reach, job: Job, state: State) -> float:
         return 0.0
     about = frozenset({*task.objects} & {job[0].object})
     return estimated_s(Request(task, reach, job[0], job[1:]), replace(state, targets=about))
-
-
-def _moved(task: Task, job: Job, scene: Scene) -> Mapping[str, Matrix]:
-    """Where a thing is once it has been put down; how it is turned then is not known yet."""
-    for each in job:
-        if each.verb == "place" and each.object is not None:
-            return {each.object: destinations(task, replace(each, agent=1), scene)[0]}
-    return {}
 
 
 def _stated(constraints: Sequence[Statement], subgoals: Sequence[Subgoal]) -> Iterator[Statement]:

@@ -111,16 +111,15 @@ class Trace(NullObserver):
 
     def __init__(self) -> None:
         self._scenes: list[Scene] = []
-        self._plans: list[Planned] = []
-        self._stopped: list[float] = []  # control step of the violation that ended each plan
+        self._plans: list[tuple[Planned, float]] = []  # and the control step of the violation that ended each
 
     def planned(self, plan: Planned) -> None:
-        self._plans.append(plan)
-        self._stopped.append(inf)
+        self._plans.append((plan, inf))
 
     def rejected(self, violation: Violation) -> None:
         if self._plans:  # one that was refused before anything moved is later than the last plan's end
-            self._stopped[-1] = min(self._stopped[-1], round(violation.time_s * CONTROL_HZ))
+            made, stopped = self._plans.pop()
+            self._plans.append((made, min(stopped, round(violation.time_s * CONTROL_HZ))))
 
     def stepped(
         self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
@@ -133,7 +132,7 @@ class Trace(NullObserver):
         The step that ended in success is not among them: nobody had to judge it any more.
         """
         found = []
-        for made, stopped in zip(self._plans, self._stopped, strict=True):
+        for made, stopped in self._plans:
             plan, begins = made.checked.plan, made.checked.plan.scene.step
             ends = min(begins + len(plan.schedule), stopped)
             scenes = [scene for scene in self._scenes if begins < scene.step <= ends]

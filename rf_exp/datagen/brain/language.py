@@ -38,62 +38,11 @@ LONGEST_NAME = 60  # characters of a model's name in those of files
 LONGEST_SAID = 6000  # characters of its last answer that a model is shown
 
 
-@dataclass(frozen=True)
-class Sight:
-    """What a model is shown. Raises ArgumentError for other cameras, and for sizes no picture has."""
-
-    cameras: str  # all | local | global
-    longer_px: int | None  # longer side of a picture, to which it is scaled; None: as it was taken
-
-    def __post_init__(self) -> None:
-        if self.cameras not in get_args(CameraChoice):
-            raise choices("brain.cameras", self.cameras, get_args(CameraChoice))
-        if self.longer_px is not None and not SMALLEST_PX <= self.longer_px <= LARGEST_PX:
-            raise ArgumentError(
-                f"brain.picture_px is {self.longer_px}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels, "
-                "and null: as the cameras take them"
-            )
-
-    def check(self, taken: Pictures) -> None:
-        """Raises ArgumentError where cameras are named whose pictures are not taken."""
-        if self.cameras == "all":
-            return
-        if not taken.render:
-            raise ArgumentError(
-                f"brain.cameras={self.cameras}, but render=false takes no pictures; use render=true, "
-                "brain.pictures=false or brain.cameras=all: of those there are"
-            )
-        if taken.cameras not in ("all", self.cameras):
-            raise ArgumentError(
-                f"brain.cameras={self.cameras}, but cameras={taken.cameras} takes other pictures; use "
-                f"cameras=all, cameras={self.cameras} or brain.cameras=all: of those there are"
-            )
-
-    def jpegs(self, pictures: Mapping[str, NDArray[np.uint8]], agents: int) -> dict[str, bytes]:
-        """Camera -> JPEG, of those chosen among pictures (H, W, 3) RGB of a scene with so many agents."""
-        chosen = camera_names(cast(CameraChoice, self.cameras), agents)
-        return {name: self._jpeg(picture) for name, picture in pictures.items() if name in chosen}
-
-    def _jpeg(self, picture: NDArray[np.uint8]) -> bytes:
-        import cv2  # slow to import for who asks no model
-
-        bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-        if self.longer_px is not None:
-            height, width = picture.shape[:2]
-            scale = self.longer_px / max(height, width)
-            size = max(1, round(width * scale)), max(1, round(height * scale))
-            bgr = cv2.resize(bgr, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-        return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-
-
 class LanguageBrain:
     """Puts the scene into words, asks, and has unclear constraints restated."""
 
-    def __init__(
-        self, name: str, chat: Chat, *, sight: Sight | None, restates: bool, enumerates: bool = False
-    ) -> None:
-        self.name = name
-        self._chat, self._sight, self._restates, self._enumerates = chat, sight, restates, enumerates
+    def __init__(self, spec: "OpenAISpec | ReplaySpec", chat: Chat) -> None:
+        self.name, self._spec, self._chat = spec.name, spec, chat
         self._said = ""  # the last answer, as it was written
 
     def accounted(self, dialogue: Dialogue) -> Dialogue:
@@ -108,12 +57,14 @@ class LanguageBrain:
         return replace(dialogue, calls=len(asked), **tokens)
 
     def answer(self, question: Question) -> str:
-        known = legal(question.task, question.scene) if self._enumerates else None
+        live = self._spec if isinstance(self._spec, OpenAISpec) else None
+        known = legal(question.task, question.scene) if live is not None and live.enumerated else None
         schema = strict_answer(question.task, known).model_json_schema()
-        messages = _messages(question, self._sight, self._said if question.feedback else "")
+        pictures = live.jpegs(question.images, len(question.task.agents)) if live is not None else {}
+        messages = _messages(question, pictures, self._said if question.feedback else "")
         self._said = ""  # where the model gives none now
         self._said = text = self._chat.ask("propose", messages, schema)
-        if not self._restates:
+        if not self._spec.restate:
             return text
         try:
             proposal = from_json(text, question.task)
@@ -131,18 +82,50 @@ class OpenAISpec(Connection, BrainSpec):
 
     pictures: bool  # send them
     cameras: str  # those of which: all | local | global
-    picture_px: int | None  # longer side of them; None: as the cameras take them
+    picture_px: int | None  # longer side of them, to which they are scaled; None: as the cameras take them
     restate: bool  # have constraints restated that the grammar does not understand
     exchanges: Path | None  # folder for what was said, in one of each model; None: it is not kept
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        Sight(self.cameras, self.picture_px)  # raises ArgumentError, also where no pictures are sent
+        if self.cameras not in get_args(CameraChoice):
+            raise choices("brain.cameras", self.cameras, get_args(CameraChoice))
+        if self.picture_px is not None and not SMALLEST_PX <= self.picture_px <= LARGEST_PX:
+            raise ArgumentError(
+                f"brain.picture_px is {self.picture_px}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels, "
+                "and null: as the cameras take them"
+            )
 
-    @property
-    def sight(self) -> Sight | None:
-        """What the model is shown; None: nothing."""
-        return Sight(self.cameras, self.picture_px) if self.pictures else None
+    def check(self, taken: Pictures) -> None:
+        """Raises ArgumentError where pictures are to be sent that are not taken."""
+        if self.cameras == "all" or not self.pictures:
+            return
+        if not taken.render:
+            raise ArgumentError(
+                f"brain.cameras={self.cameras}, but render=false takes no pictures; use render=true, "
+                "brain.pictures=false or brain.cameras=all: of those there are"
+            )
+        if taken.cameras not in ("all", self.cameras):
+            raise ArgumentError(
+                f"brain.cameras={self.cameras}, but cameras={taken.cameras} takes other pictures; use "
+                f"cameras=all, cameras={self.cameras} or brain.cameras=all: of those there are"
+            )
+
+    def jpegs(self, pictures: Mapping[str, NDArray[np.uint8]], agents: int) -> dict[str, bytes]:
+        """Camera -> JPEG, of those to be sent among pictures (H, W, 3) RGB of a scene with so many agents."""
+        chosen = camera_names(cast(CameraChoice, self.cameras), agents) if self.pictures else ()
+        return {name: self._jpeg(picture) for name, picture in pictures.items() if name in chosen}
+
+    def _jpeg(self, picture: NDArray[np.uint8]) -> bytes:
+        import cv2  # slow to import for who asks no model
+
+        bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+        if self.picture_px is not None:
+            height, width = picture.shape[:2]
+            scale = self.picture_px / max(height, width)
+            size = max(1, round(width * scale)), max(1, round(height * scale))
+            bgr = cv2.resize(bgr, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 
     @property
     def label(self) -> str:
@@ -164,8 +147,7 @@ class OpenAISpec(Connection, BrainSpec):
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> LanguageBrain:
         path = exchanges_path(self.folder, task, constraint_set, seed) if self.folder else None
-        how = {"restates": self.restate, "enumerates": self.enumerated}
-        return LanguageBrain(self.name, OpenAIChat(self, path), sight=self.sight, **how)
+        return LanguageBrain(self, OpenAIChat(self, path))
 
     def again(self) -> BrainSpec:
         """The same answers once more, without asking where they were kept."""
@@ -190,10 +172,9 @@ class ReplaySpec(BrainSpec):
         """Raises ArgumentError when nothing was recorded for the task under these constraints."""
         path = exchanges_path(self.exchanges, task, constraint_set, seed)
         if not path.parent.is_dir():
-            raise ArgumentError(
-                f"brain.exchanges: there is no folder {path.parent}; a run with brain=openai makes it"
-            )
-        return LanguageBrain(self.name, ReplayChat(path), sight=None, restates=self.restate)
+            told = f"brain.exchanges: there is no folder {path.parent}"
+            raise ArgumentError(f"{told}; a run with brain=openai makes it")
+        return LanguageBrain(self, ReplayChat(path))
 
 
 def constraint_forms() -> str:
@@ -201,8 +182,8 @@ def constraint_forms() -> str:
     return _listed(sample.sentence for sample in samples())
 
 
-def _messages(question: Question, sight: Sight | None, said: str) -> tuple[Message, Message]:
-    """The system prompt, and what is known of the present scene, with the pictures that are to be seen.
+def _messages(question: Question, pictures: Mapping[str, bytes], said: str) -> tuple[Message, Message]:
+    """The system prompt, and what is known of the present scene, with JPEGs of it.
 
     What the model has `said` last is shown to it beside what was wrong with it, so it need not guess.
     """
@@ -220,7 +201,6 @@ def _messages(question: Question, sight: Sight | None, said: str) -> tuple[Messa
         proposal=shown(said, LONGEST_SAID) if said else "none",
         feedback=_listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
-    pictures = {} if sight is None else sight.jpegs(question.images, len(task.agents))
     return Message("system", system), Message("user", text, pictures)
 
 

@@ -173,19 +173,9 @@ def leave(request: Request, state: State) -> Motion:
     return (leaving,), state
 
 
-_PRIMITIVES: dict[str, Primitive] = {
-    "grasp": grasp,
-    "lift": lift,
-    "carry": carry,
-    "place": place,
-    "strike": strike,
-    "release": release,
-    "press": press,
-    "shut": shut,
-    "home": leave,
-    "aside": leave,
-    "hold": lambda _, state: ((), state),
-}
+_NAMED = (grasp, lift, carry, place, strike, release, press, shut)  # each has the name of its verb
+_PRIMITIVES: dict[str, Primitive] = {primitive.__name__: primitive for primitive in _NAMED}
+_PRIMITIVES |= {"home": leave, "aside": leave, "hold": lambda _, state: ((), state)}
 
 
 def add_primitive(verb: str, primitive: Primitive) -> None:
