@@ -69,12 +69,10 @@ class Disturbance:
     ) -> None:
         """`strength_rad` is the standard deviation at the tops; `schedule` says when arms wait."""
         self._trajectories = tuple(trajectories)
-        self._kept: dict[int, list[_Perturbation]] = {}  # of each agent
-        for trajectory in trajectories:
-            positions = schedule.positions[:, trajectory.agent - 1]
-            limits_rad = arms[trajectory.agent].robot.limits_rad
-            kept = _perturbations(trajectory, positions, limits_rad, strength_rad, rng)
-            self._kept[trajectory.agent] = kept
+        self._kept = {  # of each agent
+            each.agent: _perturbations(arms[each.agent], each, schedule, strength_rad, rng)
+            for each in trajectories
+        }
 
     def trajectories(self) -> tuple[Trajectory, ...]:
         """The trajectories as they are disturbed now."""
@@ -110,13 +108,10 @@ class Disturbance:
 
 
 def _perturbations(
-    trajectory: Trajectory,
-    positions: NDArray[np.int64],
-    limits_rad: Floats,
-    strength_rad: float,
-    rng: np.random.Generator,
+    arm: Arm, trajectory: Trajectory, schedule: Schedule, strength_rad: float, rng: np.random.Generator
 ) -> list[_Perturbation]:
-    """Perturbations one after the other, at an agent that is at `positions` (T + 1,) of its path."""
+    """Those of one agent, one after the other."""
+    positions = schedule.positions[:, trajectory.agent - 1]
     share, steps, found = _share(trajectory), len(trajectory), list[_Perturbation]()
     begins = int(rng.integers(0, GAP_STEPS[1] + 1))
     while begins < steps:
@@ -126,7 +121,7 @@ def _perturbations(
         part = share[begins : begins + length]
         offsets = shape[: len(part), None] * part[:, None] * tops
         if offsets.any():
-            bounded = _bounded(offsets, begins, trajectory, positions, limits_rad)
+            bounded = _bounded(offsets, begins, trajectory, positions, arm.robot.limits_rad)
             found.append(_Perturbation(begins, bounded))
         begins += length + int(rng.integers(GAP_STEPS[0], GAP_STEPS[1] + 1))
     return found
@@ -135,7 +130,10 @@ def _perturbations(
 def _bounded(
     offsets_rad: Floats, begins: int, trajectory: Trajectory, positions: NDArray[np.int64], limits_rad: Floats
 ) -> Floats:
-    """Less of a perturbation where it would add more than `ADDED`, or mirrored lead beyond a joint stop."""
+    """Less of a perturbation where it would add more than `ADDED`, or mirrored lead beyond a joint stop.
+
+    `positions` (T + 1,) of its path are those at which the agent is.
+    """
     moved, qpos = slice(begins + 1, begins + len(offsets_rad) + 1), arm_of(trajectory.path())
     path = np.zeros_like(qpos)
     path[moved] = offsets_rad

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
+from numpy.random import Generator
 
 from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
@@ -13,6 +13,7 @@ from rf_exp.datagen.allocation import allocated
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.planner import Motions, in_turn, plan_motion
+from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import Unreachable
 from rf_exp.datagen.obstacles import Obstacles, taken
 from rf_exp.datagen.yielding import Way, ways
@@ -93,11 +94,7 @@ class Planner:
         self.proposal: Proposal | None = None  # the last one, as it was written; None: it could not be read
 
     def plan(
-        self,
-        question: Question,
-        scene: Scene,
-        rng: np.random.Generator,
-        pauses: np.random.Generator | None = None,
+        self, question: Question, scene: Scene, rng: Generator, pauses: Generator | None = None
     ) -> Planned | Violation | None:
         """A plan from `scene` on, the first reason why there is none, or None: the brain is content.
 
@@ -146,23 +143,16 @@ class Planner:
         scene: Scene,
         way: Way,
         search: Search,
-        pauses: np.random.Generator | None,
+        pauses: Generator | None,
     ) -> Planned | Violation:
         """Trajectories and a schedule that pass all checks, or the first reason why not."""
         settings = self._settings
         obstacles = Obstacles(settings.task, scene, settings.constraint_set, proposal)
+        blocked = obstacles.blocked(avoid_arms=way.avoid_arms)
+        reach = Reach(settings.task.arms, settings.limits, blocked, search)
+        motion = partial(plan_motion, lockstep=checker.lockstep, order=checker.order, yielding=way.yielding)
         try:
-            motions = plan_motion(
-                settings.task,
-                proposal,
-                scene,
-                blocked=obstacles.blocked(avoid_arms=way.avoid_arms),
-                limits=settings.limits,
-                lockstep=checker.lockstep,
-                order=checker.order,
-                yielding=way.yielding,
-                search=search,
-            )
+            motions = motion(settings.task, proposal, scene, reach)
         except Unreachable as error:
             near = {} if error.blockage is None else obstacles.how_near(error.blockage)
             return _no_motion(scene, error, **near)
@@ -179,7 +169,7 @@ class Planner:
         return Planned(proposal, checker, trajectories, checked)
 
     def _schedule(
-        self, checker: RoboChecker, paths: Paths, motions: Motions, pauses: np.random.Generator | None
+        self, checker: RoboChecker, paths: Paths, motions: Motions, pauses: Generator | None
     ) -> Schedule | Violation:
         """With as much of the delays as can be had."""
         schedule = partial(checker.schedule, paths, turns=motions.subgoals, also=motions.handovers)
@@ -194,9 +184,7 @@ class Planner:
         return schedule()
 
 
-def _pauses(
-    trajectories: Sequence[Trajectory], longest: int, rng: np.random.Generator
-) -> dict[tuple[int, int], int]:
+def _pauses(trajectories: Sequence[Trajectory], longest: int, rng: Generator) -> dict[tuple[int, int], int]:
     """(agent, knot) -> steps, but for knots amid what several arms carry together."""
     found = {}
     for trajectory in trajectories:

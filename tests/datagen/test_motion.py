@@ -8,6 +8,7 @@ import pytest
 from rf_exp.datagen import Unreachable
 from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.planner import plan_motion
+from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.datagen.yielding import Yielding, ways
@@ -25,16 +26,8 @@ LIMITS = JointLimits(**default_of("limits"))
 
 def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yielding=None):
     blocked = Obstacles(task, scene, row or ConstraintSet("full"), proposal).blocked(avoid_arms=avoid_arms)
-    made = plan_motion(
-        task,
-        proposal,
-        scene,
-        blocked=blocked,
-        limits=LIMITS,
-        lockstep=lockstep,
-        yielding=yielding or Yielding(),
-        search=Search(np.random.default_rng(0)),
-    )
+    reach = Reach(task.arms, LIMITS, blocked, Search(np.random.default_rng(0)))
+    made = plan_motion(task, proposal, scene, reach, lockstep=lockstep, yielding=yielding or Yielding())
     return made.trajectories, made.state
 
 

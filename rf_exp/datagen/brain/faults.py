@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TypeVar
 
 import numpy as np
@@ -232,8 +232,7 @@ def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator
     """An agent has to go through another arm, which grasps something there and is told no more."""
     options = [
         (parked, goes.agent)
-        for parked in contacts(proposal)
-        for goes in proposal.subgoals
+        for parked, goes in product(contacts(proposal), proposal.subgoals)
         if parked.verb == "grasp" and goes.agent != parked.agent
         if not (is_brought(proposal, parked) or is_brought(proposal, goes))
         if apart_m(parked, goes, question) < IN_THE_WAY_M
@@ -272,12 +271,10 @@ def impossible_distance(proposal: Proposal, question: Question, rng: np.random.G
     """Two agents that work side by side are to keep their grippers farther apart than they can."""
     pairs = [
         (one.agent, other.agent)
-        for one in contacts(proposal)
-        for other in contacts(proposal)
+        for one, other in product(contacts(proposal), contacts(proposal))
         if one.agent < other.agent and apart_m(one, other, question) < FAR_M / 2
     ]
-    pair = choose(pairs, rng)
-    return with_constraint(proposal, KeepApart(pair, FAR_M))
+    return with_constraint(proposal, KeepApart(choose(pairs, rng), FAR_M))
 
 
 @fault

@@ -82,11 +82,8 @@ def _logical(subgoals: Sequence[Subgoal]) -> Iterator[Statement]:
 def _in_time(subgoals: Sequence[Subgoal], agents: Sequence[int]) -> Iterator[Statement]:
     steps = list(dict.fromkeys(Step(each.agent, each.verb, each.object) for each in subgoals if each.object))
     for pair in combinations(agents, 2):
-        yield from (
-            Together(pair, each.verb, each.object, 2.0)
-            for each in steps
-            if each.agent == pair[0] and each.verb in TOGETHER
-        )
+        shared = (each for each in steps if each.agent == pair[0] and each.verb in TOGETHER)
+        yield from (Together(pair, each.verb, each.object, 2.0) for each in shared)
         yield ShareSpace(pair)
     for first, then in permutations(steps, 2):
         if first.agent != then.agent and first.verb in OVER and then.verb in (*TOGETHER, *OVER):

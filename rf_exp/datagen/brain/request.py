@@ -1,10 +1,9 @@
 """One request to a server that speaks OpenAI's chat completions; slow to import for who asks no model.
 
-What the server tells beside the text, tokens and why it ended, comes with it (`Received`). Whatever goes
-wrong on the way becomes a BadAnswer, which the generation loop treats like any other
-failed proposal. Retries and `Retry-After` are the client's own. A body is counted as it is received and
-again as it is unpacked, so that neither one without an end nor a small one that unpacks into gigabytes is
-ever held in memory. Redirects are not followed: the scene and the key go to the address that the person gave.
+Whatever goes wrong on the way becomes a BadAnswer, which the generation loop treats like any other failed
+proposal. Retries and `Retry-After` are the client's own. A body is counted as it is received and again as it
+is unpacked, so that neither one without an end nor a small one that unpacks into gigabytes is ever held in
+memory. Redirects are not followed: the scene and the key go to the address that the person gave.
 """
 
 import asyncio

@@ -12,10 +12,9 @@ from functools import partial
 import numpy as np
 
 from rf_exp.coordination import Demands
-from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.request import Request
-from rf_exp.datagen.motion.state import Blocked, State, Unreachable
+from rf_exp.datagen.motion.state import State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.motion.verbs import Motion, leave, lift_line, plan
 from rf_exp.datagen.yielding import Yielding
@@ -23,7 +22,7 @@ from rf_exp.findings import Cause, Finding, agent_name
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, JointLimits, Scene, Segment, Subgoal, Trajectory
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, Trajectory
 
 Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
@@ -177,13 +176,11 @@ def plan_motion(
     task: Task,
     proposal: Proposal,
     scene: Scene,
+    reach: Reach,
     *,
-    blocked: Blocked,
-    limits: JointLimits,
     lockstep: Lockstep,
     order: Order = (),
     yielding: Yielding,
-    search: Search,
 ) -> Motions:
     """Motions that carry out a proposal. Raises Unreachable.
 
@@ -191,8 +188,7 @@ def plan_motion(
     starts from where the earlier leaves the objects. Arms yield where a way is free.
     """
     begin, planned = present_state(task, scene), list[Subgoal]()
-    ask = partial(Request, task, Reach(task.arms, limits, blocked, search))
-    made = _Made(task, begin)
+    ask, made = partial(Request, task, reach), _Made(task, begin)
     for agent in yielding.first:
         made.add(_yield(ask(Subgoal(agent, "aside")), made.state))
     queues = Queues(proposal, lockstep, order)
