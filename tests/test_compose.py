@@ -158,7 +158,7 @@ def test_the_expert_does_what_the_sentence_says(tmp_path: Path, monkeypatch: pyt
     [
         (["objects=[cube]"], "'objects=[cube]': expected one sentence, in quotes, then keys as KEY=VALUE"),
         (["put it", "there"], "'there': expected one sentence, in quotes, then keys as KEY=VALUE"),
-        (["put it", "object=[cube]"], "unknown key 'object'; available: episodes, name, objects, out"),
+        (["put it", "object=[cube]"], "unknown key 'object'; available: brain, episodes, name, objects, out"),
         (["put it", "objects=cube"], "objects is 'cube'; expected a list, as objects=[cube,cube,bowl:pot]"),
         (["put it", "objects=[cube]", "out=/tmp"], "out is '/tmp'; expected a folder below this one"),
         (["put it", "objects=[cube]", "episodes=-1"], "episodes is -1; expected 0 or more"),

@@ -408,7 +408,7 @@ def _judged(verdicts: Sequence[Verdict]) -> Judged:
     """How far each condition was met, step by step."""
     names = tuple(verdicts[0].evidence)
     plain = {holds: Measured(holds, float(holds), 1.0, "", True) for holds in (False, True)}
-    found = [[each.measured.get(n) or plain[each.evidence[n]] for n in names] for each in verdicts]
+    found = [[each.measured.get(n, plain[each.evidence[n]]) for n in names] for each in verdicts]
     return Judged(
         names,
         np.array([[each.value for each in row] for row in found], np.float32),

@@ -13,7 +13,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.findings import CheckName
 from rf_exp.sim import Simulator
 from rf_exp.tasks import SuccessEvaluator
-from rf_exp.types import CONTROL_HZ, ConstraintSet, Subgoal
+from rf_exp.types import CONTROL_HZ, UNITS, ConstraintSet, Subgoal
 from tests.conftest import read_task
 
 FULL = ConstraintSet("full")
@@ -232,3 +232,14 @@ def test_the_expert_goes_on_from_where_others_have_led(lift_world):
 def test_attempts_must_be_positive(lift_barrier):
     with pytest.raises(ArgumentError, match="attempts is 0; at least 1"):
         settings(lift_barrier, attempts=0)
+
+
+def test_conditions_are_kept_with_their_numbers_whether_they_are_met_or_not(lift_world):
+    settings = Settings.configured(lift_world.task, FULL, ScriptedSpec())
+    outcome = EpisodeMaker(settings, lift_world, settings.make_brain(0)).make(0)
+    assert outcome.episode is not None and (judged := outcome.episode.judged) is not None
+    raised = next(k for k, name in enumerate(judged.names) if judged.unit[0, k] == UNITS.index("m"))
+    value, bound, holds = (part[:, raised] for part in (judged.value, judged.bound, judged.holds))
+    assert not holds[0] and holds[-1]
+    assert len(set(bound.tolist())) == 1 and (holds == (value > bound)).all()
+    assert len(set(value[~holds].tolist())) > 2  # it rises before it is high enough
