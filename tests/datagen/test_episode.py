@@ -237,9 +237,11 @@ def test_attempts_must_be_positive(lift_barrier):
 def test_conditions_are_kept_with_their_numbers_whether_they_are_met_or_not(lift_world):
     settings = Settings.configured(lift_world.task, FULL, ScriptedSpec())
     outcome = EpisodeMaker(settings, lift_world, settings.make_brain(0)).make(0)
-    assert outcome.episode is not None and (judged := outcome.episode.judged) is not None
+    assert outcome.episode is not None
+    judged = outcome.episode.judged
+    assert judged is not None
     raised = next(k for k, name in enumerate(judged.names) if judged.unit[0, k] == UNITS.index("m"))
-    value, bound, holds = (part[:, raised] for part in (judged.value, judged.bound, judged.holds))
+    value, bound, holds = judged.value[:, raised], judged.bound[:, raised], judged.holds[:, raised]
     assert not holds[0] and holds[-1]
     assert len(set(bound.tolist())) == 1 and (holds == (value > bound)).all()
     assert len(set(value[~holds].tolist())) > 2  # it rises before it is high enough

@@ -80,7 +80,7 @@ def test_a_scene_is_read_as_it_stands(cell: Workcell) -> None:
 def test_what_sits_on_a_hand_is_kept_clear_too(cell: Workcell) -> None:
     """The camera of `panda_wristcam` is where PhysX has it."""
     body = PlanningScene(cell.task, cell.scene()).arm(1, cell.scene().qpos[0])
-    links = cell._stock._robots[0].links
+    links: list[Any] = cell._stock._rows[0].arm.links
     camera = next(link for link in links if link.name.endswith("camera_link"))
     shape = camera.collision_shapes[0]
     pose = (camera.entity_pose * shape.local_pose).to_transformation_matrix()

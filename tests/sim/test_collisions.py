@@ -41,7 +41,7 @@ def collide(simulator: Simulator, agent: int, shift_m: np.ndarray, bodies: set) 
     """
     loaded = simulator._loaded
     robot, home = loaded.robots[agent - 1], loaded.robots[agent - 1].root_pose
-    robot.set_root_pose(sapien.Pose(home.p + shift_m, home.q))
+    robot.set_root_pose(sapien.Pose((home.p + shift_m).tolist(), home.q.tolist()))
     loaded.physics.step()
     found = [contact for contact in loaded.physics.get_contacts() if set(contact.bodies) == bodies]
     robot.set_root_pose(home)

@@ -22,7 +22,7 @@ from websockets.sync.server import ServerConnection
 from rf_exp import ablation, rescue
 from rf_exp.ablation import append_row
 from rf_exp.ablation.__main__ import main as tables
-from rf_exp.client import pack
+from rf_exp.client import checked, pack
 from rf_exp.command import guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.datagen.brain import BadAnswer, from_json
@@ -30,7 +30,6 @@ from rf_exp.errors import ArgumentError, RfError, StageError, WorkerDied, portab
 from rf_exp.findings import Account, Unmet
 from rf_exp.policy import make_policy
 from rf_exp.policy.foreign.remote import Remote
-from rf_exp.policy.foreign.runner import checked
 from rf_exp.progress import Progress, Screen, complaints, console
 from rf_exp.tasks import load_task
 from rf_exp.texts import LONGEST_ERROR, printable, shown
@@ -243,7 +242,10 @@ def test_a_policy_server_gives_no_orders(run: Run, converse: Any) -> None:
     def job() -> None:
         with server(converse) as address:
             remote = Remote(address, 20.0, 20.0)
-            checked(remote.act({"qpos": np.zeros(3)}), 2)
+            try:
+                checked(remote.act({"qpos": np.zeros(3)}), 2)
+            except ValueError as error:
+                raise StageError(*error.args) from error
 
     code, _, told = run(job)
     assert code == 1 and len(told) < LONGEST_ERROR + 200
