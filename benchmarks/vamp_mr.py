@@ -1,0 +1,163 @@
+"""From posture to posture in VAMP-MR's scenes of Pandas: two with rods, four, four with rods over bins.
+
+    python benchmarks/vamp_mr.py [--scenes panda_four] [--pairs 20] [--out FOLDER]
+
+For every ordered pair of the named postures of a scene (`vamp_mr.yaml`) each arm is planned for, who waits
+for whom is scheduled, and the whole is checked, by the suite's own planner, of which `assume` is a verb from
+outside. Postures that do not keep its margins are left out, as VAMP-MR leaves out those in collision. A row a
+pair in FOLDER/vamp_mr.jsonl, which is gone on with. The last line is JSON: of each scene how many pairs have
+a plan, what it takes (CPU s, median and worst), its makespan, also against that of the slowest arm alone, and
+why others have none.
+"""
+
+import argparse
+import json
+import time
+from collections import Counter
+from itertools import combinations, permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+
+from rf_exp.datagen import Motion, Planned, Planner, Request, Settings, State, add_primitive
+from rf_exp.datagen.brain import Question, ScriptedSpec
+from rf_exp.errors import choices
+from rf_exp.findings import agent_name
+from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, measured_pair, nearest
+from rf_exp.library.reading import GREY, ReadRobot, ReadTask
+from rf_exp.library.workcell import Saying
+from rf_exp.statements import Proposal, Verb, add_verb, keep_clear
+from rf_exp.tasks.assets import Asset, Part
+from rf_exp.transforms import from_axes, planar, transform
+from rf_exp.types import CONTROL_DT_S, FINGERS, ConstraintSet, JointLimits, Scene, Subgoal
+
+# The speed of VAMP-MR's benchmark, which does not limit accelerations; the lowest that Franka allows a joint.
+LIMITS = JointLimits(velocity_rad_s=1.0, acceleration_rad_s2=7.5)
+OPEN_M, HELD_M = 0.035, 0.015  # of each finger from the middle
+# tcp_from_rod. It is said in a frame of VAMP's hand that we do not have; so it leaves the most postures free.
+ROD = from_axes((0, 0, 0), z=(1, 1, 0), y=(-1, 1, 0))
+Row = dict[str, Any]
+Postures = NDArray[np.float64]  # (N, 7) rad
+
+_goals: dict[int, NDArray[np.float64]] = {}  # agent -> (7,) rad of the pair that is planned
+
+
+def assume(request: Request, state: State) -> Motion:
+    """One motion to the posture that the pair asks of an agent."""
+    points = request.reach.freely(request.agent, _goals[request.agent], state, request.subgoal.text)
+    moving, state = request.segment("assume", points, state)
+    return (moving,), state
+
+
+add_verb(Verb("assume", (), words=("assume assumes assumed assumed assuming",)))
+add_primitive("assume", assume)
+
+
+def cell(name: str, said: Any) -> ReadTask:
+    """A scene without its postures. Rods are things that the arms hold, the sides of bins stand about."""
+    robots, assets = [], dict[str, Asset]()
+    for x_m, y_m, yaw_rad in said.bases:
+        base, yaw_deg = planar(x_m, y_m, yaw_rad), float(np.degrees(yaw_rad))
+        robots.append(ReadRobot(x_m, y_m, yaw_deg, pose=base, on_hand=None))
+    for k in range(len(robots)) if "rod" in said else ():
+        rod = Part.cylinder(said.rod.radius_m, said.rod.length_m, transform(), GREY)
+        assets[f"rod{k + 1}"] = Asset(f"rod{k + 1}", (rod,), mass_kg=0.1)
+    for middle in said.bins.middles if "bins" in said else ():
+        (low_m, high_m), half_m, thick_m = said.bins.z_m, said.bins.side_m / 2, said.bins.thick_m / 2
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            at_m = (middle[0] + x * half_m, middle[1] + y * half_m, (low_m + high_m) / 2)
+            extents_m = (thick_m if x else half_m, thick_m if y else half_m, (high_m - low_m) / 2)
+            side = Part.box(extents_m, transform(at_m), GREY)
+            named = f"side{len(assets) + 1}"
+            assets[named] = Asset(named, (side,), static=True)
+    return ReadTask.of(name, tuple(robots), assets, {}, {})
+
+
+def standing(task: ReadTask, posture: Postures) -> Scene:
+    """The scene in which the arms stand so, each with its rod where there are any."""
+    poses = {name: transform() for name in task.objects}
+    held = tuple(f"rod{agent}" if f"rod{agent}" in poses else None for agent in task.agents)
+    for agent, rod in zip(task.agents, held, strict=True):
+        if rod is not None:
+            poses[rod] = task.arms[agent].tcp(posture[agent - 1]) @ ROD
+    fingers = [[HELD_M if rod else OPEN_M] * FINGERS for rod in held]
+    qpos = np.concatenate([posture, fingers], axis=1)
+    return Scene(0, qpos, 0 * qpos, poses, dict.fromkeys(poses, 0.0), held)
+
+
+def unfit(task: ReadTask, posture: Postures) -> str:
+    """Why no plan may begin or end in a posture; empty where one may."""
+    scene = PlanningScene(task, standing(task, posture))
+    for pair in combinations(task.agents, 2):
+        gap = nearest(*measured_pair(scene, pair, lambda _: frozenset()))
+        if gap.distance_m < AGENT_MARGIN_M:
+            return f"{gap.a} and {gap.b} of {' and '.join(map(agent_name, pair))}: {gap.distance_m:.3f} m"
+    return planned(task, posture, posture).get("reason", "")
+
+
+def planned(task: ReadTask, start: Postures, goal: Postures) -> Row:
+    """One pair: whether there is a plan, what it takes, and its makespan; or why there is none."""
+    _goals.update(zip(task.agents, goal, strict=True))
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), limits=LIMITS)
+    scene, subgoals = standing(task, start), tuple(Subgoal(agent, "assume") for agent in task.agents)
+    planner = Planner(settings, Saying(Proposal(subgoals, (*keep_clear(task.agents),))))
+    began = time.process_time()
+    made = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(0))
+    row: Row = {"plan": isinstance(made, Planned), "cpu_s": round(time.process_time() - began, 3)}
+    if isinstance(made, Planned):
+        return {**row, "steps": len(made.schedule), "alone": max(map(len, made.trajectories))}
+    assert made is not None  # there are subgoals
+    return {**row, "reason": made.kind}
+
+
+def summary(rows: list[Row]) -> Row:
+    """Of the pairs of a scene."""
+    made = [row for row in rows if row["plan"]]
+    spent = [row["cpu_s"] for row in rows]
+    said = {"pairs": len(rows), "planned": len(made), "cpu_s": round(float(np.median(spent)), 2)}
+    said |= {"worst_cpu_s": max(spent)}
+    if made:
+        steps, alone = (sum(row[key] for row in made) for key in ("steps", "alone"))
+        said |= {"makespan_s": round(steps / len(made) * CONTROL_DT_S, 2)}
+        said |= {"over_slowest_alone": round(steps / alone - 1, 3)}
+    return {**said, "reasons": Counter(row["reason"] for row in rows if not row["plan"]).most_common()}
+
+
+def main() -> None:
+    scenes = OmegaConf.load(Path(__file__).with_suffix(".yaml"))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--scenes", default=",".join(map(str, scenes)))
+    parser.add_argument("--pairs", type=int, help="of each scene, the first; all unless given")
+    parser.add_argument("--out", type=Path, default=Path("outputs/vamp_mr"))
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    path, found = given.out / "vamp_mr.jsonl", {}
+    rows = [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path.exists() else []
+    for name in given.scenes.split(","):
+        if name not in scenes:
+            parser.error(str(choices("scene", name, scenes)))
+        task = cell(name, scenes[name])
+        postures = {str(each): np.array(rad, dtype=float) for each, rad in scenes[name].postures.items()}
+        left_out = {each: why for each, rad in postures.items() if (why := unfit(task, rad))}
+        pairs = list(permutations([each for each in postures if each not in left_out], 2))[: given.pairs]
+        there = {(row["from"], row["to"]) for row in rows if row["scene"] == name}
+        for start, goal in pairs:
+            if (start, goal) in there:
+                continue
+            row = {"scene": name, "from": start, "to": goal, **planned(task, postures[start], postures[goal])}
+            rows.append(row)
+            with path.open("a", encoding="utf-8") as file:
+                print(json.dumps(row), file=file)
+            print(row, flush=True)
+        of_it = [row for row in rows if row["scene"] == name and (row["from"], row["to"]) in pairs]
+        found[name] = {**summary(of_it), "left_out": left_out}
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
