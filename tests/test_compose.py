@@ -191,7 +191,11 @@ def sentence(text: str) -> Reply:
 
 
 def test_a_model_says_it_again_until_the_grammar_understands(tmp_path: Path) -> None:
-    replies = [sentence("put cubes away"), sentence("two arms put both cubes into the box"), sentence(BOTH)]
+    replies = [
+        completion("Away with them!"),
+        sentence("two arms put both cubes into the box"),
+        sentence(BOTH),
+    ]
     with LanguageServer(replies) as server:
         done = composed_by(server, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -200,7 +204,8 @@ def test_a_model_says_it_again_until_the_grammar_understands(tmp_path: Path) -> 
     assert (tmp_path / "composed" / "tidy.py").read_text() == task.module
     said = [request["messages"][-1]["content"] for request in server.requests]
     assert len(said) == 3 and all(WISH in str(each) for each in said)
-    assert "there is no 'box'" in str(said[2]) and "there is no 'box'" not in str(said[1])
+    assert "Away with them!" in str(said[1]) and "there is no 'box'" not in str(said[1])
+    assert "there is no 'box'" in str(said[2])
 
 
 def test_a_model_that_never_makes_sense_ends_with_its_budget(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ The model only words: what the sentence means is read by the grammar, which refu
 What is wrong with it is said to the model, which may try again while its budget of calls lasts.
 """
 
-import json
 from collections.abc import Callable, Iterable
 from importlib.resources import files
 from string import Template
@@ -12,7 +11,7 @@ from typing import TypeVar
 
 from rf_exp.compose.composing import things_of
 from rf_exp.compose.sentence import FORMS, MOST_ARMS
-from rf_exp.datagen.brain import Chat, Message, read_object
+from rf_exp.datagen.brain import BadAnswer, Chat, Message, read_object
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
 from rf_exp.texts import shown
@@ -44,11 +43,10 @@ def worded(wish: str, objects: Iterable[str], chat: Chat, make: Callable[[str], 
     while True:
         text = "\n\n".join((f"What is wanted\n{shown(wish, LONGEST_WISH)}", *tried))
         answer = chat.ask("word", (Message("system", system), Message("user", text)), SCHEMA)
-        sentence = str(read_object(answer, KEY)[KEY])
         try:
-            return make(sentence)
-        except ArgumentError as error:
-            tried.append(f"You said\n{json.dumps(sentence)}\nand it was refused\n{error}")
+            return make(str(read_object(answer, KEY)[KEY]))
+        except (ArgumentError, BadAnswer) as error:
+            tried.append(f"You said\n{shown(answer, LONGEST_WISH)}\nand it was refused\n{error}")
 
 
 def _told(name: str, kind: str, options: dict[str, object]) -> str:
