@@ -5,13 +5,11 @@ What is wrong with it is said to the model, which may try again while its budget
 """
 
 from collections.abc import Callable, Iterable
-from importlib.resources import files
-from string import Template
 from typing import TypeVar
 
 from rf_exp.compose.composing import things_of
 from rf_exp.compose.sentence import FORMS, MOST_ARMS
-from rf_exp.datagen.brain import BadAnswer, Chat, Message, read_object
+from rf_exp.datagen.brain import BadAnswer, Chat, Message, filled, listed, read_object
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
 from rf_exp.texts import shown
@@ -36,9 +34,8 @@ def worded(wish: str, objects: Iterable[str], chat: Chat, make: Callable[[str], 
     """
     if len(wish) > LONGEST_WISH:
         raise ArgumentError(f"the sentence has {len(wish)} characters; expected at most {LONGEST_WISH}")
-    prompt = Template(files("rf_exp.compose").joinpath("wording.txt").read_text("utf-8"))
     things = [_told(name, spec["asset"], spec["options"]) for name, spec in things_of(objects).items()]
-    system = prompt.substitute(forms=_listed(FORMS), most=MOST_ARMS, things=_listed(things))
+    system = filled("word", forms=listed(FORMS), most=str(MOST_ARMS), things=listed(things))
     tried = list[str]()
     while True:
         text = "\n\n".join((f"What is wanted\n{shown(wish, LONGEST_WISH)}", *tried))
@@ -53,7 +50,3 @@ def _told(name: str, kind: str, options: dict[str, object]) -> str:
     kinds = {point.kind for point in assets.load(kind, options).points.values()}
     able = {"grasp": "can be moved", "place": "bears things", "drop": "holds things"}
     return f"{name} ({kind}): {', '.join(said for each, said in able.items() if each in kinds) or 'stands'}"
-
-
-def _listed(lines: Iterable[str]) -> str:
-    return "\n".join(f"- {line}" for line in lines)

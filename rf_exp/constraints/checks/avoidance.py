@@ -111,7 +111,8 @@ def _force(pair: Pair) -> Signal:
 
     def largest_n(execution: Execution) -> NDArray[np.float64]:
         contacts = (scene.arm_contacts for scene in execution.scenes)
-        return np.array([max([0.0, *(n for a, b, n in now if {a, b} == {*pair})]) for now in contacts])
+        forces_n = ([n for a, b, n in now if {a, b} == {*pair}] for now in contacts)
+        return np.array([max(each, default=0.0) for each in forces_n])
 
     return Signal(named("force", *pair), "N", how, largest_n)
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 import dacite
 
 from rf_exp.datagen.brain.faults import FAULTS
-from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
+from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec, filled, listed
 from rf_exp.datagen.brain.legal import legal
 from rf_exp.datagen.brain.protocol import (
     BadAnswer,
@@ -51,8 +51,10 @@ __all__ = [
     "ScriptedSpec",
     "applies",
     "faults_for",
+    "filled",
     "from_json",
     "legal",
+    "listed",
     "probe",
     "read_brain",
     "read_object",

@@ -179,7 +179,7 @@ class ReplaySpec(BrainSpec):
 
 def constraint_forms() -> str:
     """Sentences that are understood: some of every kind."""
-    return _listed(sample.sentence for sample in samples())
+    return listed(sample.sentence for sample in samples())
 
 
 def _messages(question: Question, pictures: Mapping[str, bytes], said: str) -> tuple[Message, Message]:
@@ -188,18 +188,18 @@ def _messages(question: Question, pictures: Mapping[str, bytes], said: str) -> t
     What the model has `said` last is shown to it beside what was wrong with it, so it need not guess.
     """
     task, scene = question.task, question.scene
-    system = _filled("propose", subgoals=_listed(subgoal_forms()), constraints=constraint_forms())
-    text = _filled(
+    system = filled("propose", subgoals=listed(subgoal_forms()), constraints=constraint_forms())
+    text = filled(
         "question",
         title=task.title,
         description=task.description,
         target=task.target_condition,
-        agents=_listed(_agents(question)),
-        objects=_listed(_objects(question)),
-        places=_listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
-        previous=_listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
+        agents=listed(_agents(question)),
+        objects=listed(_objects(question)),
+        places=listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
+        previous=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
         proposal=shown(said, LONGEST_SAID) if said else "none",
-        feedback=_listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
+        feedback=listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
     return Message("system", system), Message("user", text, pictures)
 
@@ -252,13 +252,13 @@ def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
     unclear = [each for each in proposal.constraints if isinstance(each, Unread)]
     if not unclear:
         return proposal
-    text = _filled(
+    text = filled(
         "unclear",
-        objects=_listed(f"{name}: {', '.join(task.asset(name).points) or 'none'}" for name in task.objects),
-        subgoals=_listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in proposal.subgoals),
+        objects=listed(f"{name}: {', '.join(task.asset(name).points) or 'none'}" for name in task.objects),
+        subgoals=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in proposal.subgoals),
         unclear="\n".join(f"{number}. {each.sentence}" for number, each in enumerate(unclear, start=1)),
     )
-    system = Message("system", _filled("restate", constraints=constraint_forms()))
+    system = Message("system", filled("restate", constraints=constraint_forms()))
     try:
         text = chat.ask("restate", (system, Message("user", text)), _Restated.model_json_schema())
         sentences = _Restated.model_validate(read_object(text, "Sentences")).Sentences
@@ -275,12 +275,12 @@ def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
     return replace(proposal, constraints=tuple(stated))
 
 
-def _filled(name: str, **parts: str) -> str:
+def filled(name: str, **parts: str) -> str:
     """The text of `prompts/<name>.txt` with its placeholders, those of `string.Template`, filled in."""
     text = files("rf_exp.datagen.brain").joinpath("prompts", f"{name}.txt").read_text(encoding="utf-8")
     return Template(text).substitute(parts)
 
 
-def _listed(lines: Iterable[str]) -> str:
+def listed(lines: Iterable[str]) -> str:
     """One line each, with a dash; `none` where there are none."""
     return "\n".join(f"- {line}" for line in lines) or "none"

@@ -164,7 +164,7 @@ class Exchange:
     """One call and what came of it: a reply or an error, and what RoboChecker said to the reply."""
 
     call: int  # from 1, within the episode
-    purpose: str  # propose | restate
+    purpose: str  # propose | restate | word
     question_sha256: str
     messages: list[dict[str, object]]
     model: str
