@@ -48,18 +48,27 @@ class Obstacles:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
 
         def test(
-            agent: int, points: Points, state: State, touches: frozenset[str], *, between: bool = False
+            agent: int,
+            points: Points,
+            state: State,
+            touches: frozenset[str],
+            *,
+            between: bool = False,
+            hand: bool = False,
         ) -> Obstacle | None:
             planning_scene, in_the_way = self._surroundings(agent, state, touches, avoid_arms)
             body = _body(planning_scene, agent, points, state, touches)
-            if folded(body, self._task.arms[agent].robot.self_pairs).any():
+            if hand:
+                body = body.only(*body.gripper, *body.objects)
+                in_the_way = [each for each in in_the_way if not isinstance(each[0][0], int)]
+            elif folded(body, self._task.arms[agent].robot.self_pairs).any():
                 return "the arm itself"
             for obstacles, other, margin_m in in_the_way:
                 if closer_than(body, other, margin_m, between=between).any():
                     each = ((one, _only(planning_scene, other, one)) for one in obstacles[:-1])
                     near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
                     return next(near, obstacles[-1])
-            return "the table" if planning_scene.below_table(body).any() else None
+            return "the table" if not hand and planning_scene.below_table(body).any() else None
 
         return test
 

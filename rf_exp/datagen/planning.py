@@ -130,7 +130,7 @@ class Planner:
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
             if violation is None or result.check is not CheckName.MOTION:
                 violation = result
-            if result.finding is Finding.CLOSE_AT_FIRST:  # where arms stand is so in every way
+            if _in_every_way(result, queues):
                 return result
         assert violation is not None  # there is at least one way
         several = violation.cause is Cause.SPACE and len(tried) > 1
@@ -194,6 +194,14 @@ def _pauses(trajectories: Sequence[Trajectory], longest: int, rng: Generator) ->
             if rng.random() < PAUSES and knot not in amid:
                 found[trajectory.agent, knot] = int(rng.integers(1, longest + 1))
     return found
+
+
+def _in_every_way(violation: Violation, proposal: Proposal) -> bool:
+    """Where arms stand, and that things leave a hand no room which no other agent moves."""
+    if violation.finding is not Finding.NO_ROOM:
+        return violation.finding is Finding.CLOSE_AT_FIRST
+    movers = {each.agent for each in proposal.subgoals if each.object in violation.obstacles}
+    return movers <= {*violation.agents}
 
 
 def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:

@@ -134,6 +134,9 @@ class Finding(StrEnum):
 
     # Motion: why there is none.
     BLOCKED = "is blocked: {a} cannot {first}: {in_the_way}{how_near}"
+    NO_ROOM = (
+        "leaves the hand no room: {a} cannot {first}, whatever way its hand is turned: {in_the_way}{how_near}"
+    )
     TAKEN = (
         "place is taken: {a} cannot {first}: {object} would overlap {obstacle} there by {depth_mm:.0f} mm; "
         "move one of them"

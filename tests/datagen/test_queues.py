@@ -4,17 +4,19 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice, permutations
+from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
 
 from rf_exp.constraints.phases import times_s
-from rf_exp.datagen import Planned, Planner, Settings, Unreachable, commands_of
+from rf_exp.datagen import Planned, Planner, Settings, Unreachable, commands_of, planning
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
-from rf_exp.datagen.motion.planner import Queues, in_turn
+from rf_exp.datagen.motion.planner import Queues, in_turn, plan_motion
 from rf_exp.findings import Cause, Finding, Violation
 from rf_exp.statements import Before, Proposal, Step
-from rf_exp.tasks import Task
+from rf_exp.tasks import Task, named_task
+from rf_exp.transforms import planar
 from rf_exp.types import ConstraintSet, Subgoal
 from tests.conftest import read_task
 from tests.scenes import start_scene
@@ -179,3 +181,31 @@ def test_a_reason_that_no_other_agent_can_help_is_the_answer_at_once():
     with pytest.raises(Unreachable) as raised:
         queues.stuck(queues.next(), empty)
     assert raised.value is empty
+
+
+def hemmed_in(moved_by: int) -> tuple[Violation | Planned | None, int]:
+    """What becomes of the grasp of a cube between three others, and how many ways were tried.
+
+    One of them is fetched by an agent later.
+    """
+    task = named_task("ring_2x4")
+    assert task is not None
+    scene = start_scene(task, 0)
+    beside = {"cube1_2": (0.045, 0.0), "cube1_3": (-0.045, 0.0), "cube1_4": (0.0, 0.045)}
+    around = {name: scene.poses["cube1_1"] @ planar(*at, 0.0) for name, at in beside.items()}
+    subgoals = Subgoal(1, "grasp", "cube1_1", "center"), Subgoal(moved_by, "grasp", "cube1_2", "center")
+    answer = Says(to_json(Proposal(subgoals, ())))
+    planner = Planner(Settings.configured(task, FULL, ScriptedSpec()), answer)
+    crowded, ways = replace(scene, poses={**scene.poses, **around}), Mock(side_effect=plan_motion)
+    with patch.object(planning, "plan_motion", ways):
+        found = planner.plan(Question(task, crowded, {}), crowded, np.random.default_rng(0))
+    return found, ways.call_count
+
+
+@pytest.mark.slow
+def test_where_things_leave_the_hand_no_room_only_who_moves_them_is_a_reason_to_try_another_way():
+    found, tried = hemmed_in(moved_by=1)
+    assert isinstance(found, Violation) and found.finding is Finding.NO_ROOM and tried == 1
+    assert "cube1_2 is in the way" in found.sentence and "cm of cube1_2" in found.sentence
+    found, tried = hemmed_in(moved_by=2)
+    assert isinstance(found, Violation) and tried > 1

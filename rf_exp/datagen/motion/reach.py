@@ -1,8 +1,8 @@
 """How an arm gets somewhere: postures, straight approaches, free paths, one timed motion of it all."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from heapq import heapify, heappop, heappush
 
 import numpy as np
@@ -69,13 +69,16 @@ class Reach:
         keeps clear of what the gripper may touch in the end. Raises Unreachable.
         """
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
-        no_path = False
+        no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
+        no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone no room
         start = state.qpos[agent]
         risen = self.line(agent, start, above(self.arms[agent].tcp(start), RISE_M)) if rise else None
         up = start[None] if risen is None else risen
-        for line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead):
-            if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
+        for goal, line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead, no_room):
+            if obstacle := blocked(line):  # cheaper to find out than a path
                 obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
+                if blocked(line[-1:], hand=True):
+                    no_room.add(goal)
                 continue
             path = self._path(agent, up[-1], line[0], state)
             if path is None:
@@ -89,13 +92,17 @@ class Reach:
                     begins = int(np.abs(corners - line[0]).max(axis=1).argmin())  # rounding moves more
                     detour = points[: max(1, begins - int(1.5 * radius_rad / SPACING_RAD))]
                     obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
-                obstacle = obstacle or self.blocked(agent, points, state, touches, between=True)
+                obstacle = obstacle or blocked(points, between=True)
                 if obstacle is None:
                     return parameterise(points, self.limits)
                 if radius_rad == BLEND_RAD[-1]:
                     obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
+            if risen is not None and (obstacle := blocked(risen, between=True)):  # as all lines begin so
+                raise obstructed(what, Blockage(agent, risen, state, touches, obstacle, "as it rises"))
         if obstacles:
-            raise obstructed(what, *obstacles.values())
+            everywhere = len(no_room) == sum(map(len, tiers))
+            finding = Finding.NO_ROOM if everywhere else Finding.BLOCKED
+            raise obstructed(what, *obstacles.values(), finding=finding)
         cause, finding = (Cause.SPACE, Finding.NO_PATH) if no_path else (Cause.REACH, Finding.OUT_OF_REACH)
         raise Unreachable(cause, finding, (agent,), subgoals=(what,))
 
@@ -119,15 +126,23 @@ class Reach:
         return np.inf
 
     def _straight_lines(
-        self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, look_ahead: LookAhead
-    ) -> Iterator[Points]:
+        self,
+        agent: int,
+        up: Points,
+        tiers: Tiers,
+        standoff_m: float,
+        down: bool,
+        look_ahead: LookAhead,
+        given_up: Collection[tuple[int, int]],
+    ) -> Iterator[tuple[tuple[int, int], Points]]:
         """Joint points of approaches after those that lead up, tier by tier the soonest first.
 
+        Each comes with its tier and the goal's number there, of which none `given_up` meanwhile comes again.
         Only those are made exact whose estimate is below all exact ones. Those from which what comes next
         cannot be reached come last of all.
         """
         last, before = [], up[[0, -1]] if len(up) > 1 else up
-        for goals in map(np.stack, tiers):
+        for tier, goals in enumerate(map(np.stack, tiers)):
             pregrasps = above(goals, standoff_m) if down else drawn_back(goals, standoff_m)
             approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
             more_s = look_ahead.after(goals)
@@ -139,6 +154,9 @@ class Reach:
             heapify(open_)
             while open_:
                 altogether_s, number, counted, way = heappop(open_)
+                goal = tier, way.goal
+                if goal in given_up:
+                    continue
                 if not counted:
                     altogether_s = round(way.takes_s + more_s(way.goal, way.points[[0, -1]]), 6)
                     heappush(open_, (altogether_s, number, True, way))
@@ -147,10 +165,10 @@ class Reach:
                     if exact is not None:
                         heappush(open_, (round(exact.takes_s, 6), number, False, exact))
                 elif np.isfinite(altogether_s):
-                    yield way.points
+                    yield goal, way.points
                 else:
-                    last.append(way.points)
-        yield from last
+                    last.append((goal, way.points))
+        yield from (each for each in last if each[0] not in given_up)
 
     def _path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
         def free(points: Points) -> bool:

@@ -70,17 +70,27 @@ class Blockage:
     where: str = ""  # on the way, where that is known
 
 
-def obstructed(what: str, *blockages: Blockage) -> Unreachable:
+def obstructed(what: str, *blockages: Blockage, finding: Finding = Finding.BLOCKED) -> Unreachable:
     """That a subgoal cannot be carried out for what is in the way; measured is the first of the blockages."""
     first, obstacles = blockages[0], [each.obstacle for each in blockages]
     agents = first.agent, *(each for each in obstacles if isinstance(each, int))
     facts = {"subgoals": (what,), "obstacles": tuple(map(name_of, obstacles))}
-    return Unreachable(Cause.SPACE, Finding.BLOCKED, agents, first, **facts)
+    return Unreachable(Cause.SPACE, finding, agents, first, **facts)
 
 
 class Blocked(Protocol):
-    """Who or what blocks an agent at joint points, and `between` them; its gripper may touch `touches`."""
+    """Who or what blocks an agent at joint points, and `between` them; its gripper may touch `touches`.
+
+    Of the `hand` alone, with what it holds, only things are found.
+    """
 
     def __call__(
-        self, agent: int, points: Points, state: State, touches: frozenset[str], *, between: bool = False
+        self,
+        agent: int,
+        points: Points,
+        state: State,
+        touches: frozenset[str],
+        *,
+        between: bool = False,
+        hand: bool = False,
     ) -> Obstacle | None: ...

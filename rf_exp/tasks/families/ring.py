@@ -10,7 +10,7 @@ from rf_exp.tasks.shared.circle import Numbers
 from rf_exp.tasks.shared.placing import brought, fetch, left_to_bring
 from rf_exp.types import Condition, Scene, Subgoal
 
-VERSION = "1"
+VERSION = "2"
 PLAN_VERSION = "1"
 
 

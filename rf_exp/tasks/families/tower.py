@@ -10,7 +10,7 @@ from rf_exp.tasks.shared import circle, stacking
 from rf_exp.tasks.shared.circle import Numbers
 from rf_exp.types import Condition, Scene
 
-VERSION = "1"
+VERSION = "2"
 PLAN_VERSION = "1"
 
 

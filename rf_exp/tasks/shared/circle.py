@@ -69,8 +69,8 @@ def cube(
 ) -> dict[str, Any]:
     """The k-th of the cubes that lie side by side before an arm; each starts up to `jitter_m` off."""
     placed = before(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
-    # The more things, the less room each has.
-    return cube_at(placed["x_m"], placed["y_m"], jitter_m / things, arm + k - 1)
+    # Beside one another they leave fingers little room.
+    return cube_at(placed["x_m"], placed["y_m"], jitter_m / things**2, arm + k - 1)
 
 
 def cube_at(x_m: float, y_m: float, off_m: float, colour: int) -> dict[str, Any]:
