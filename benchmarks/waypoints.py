@@ -1,0 +1,191 @@
+"""Up to three Pandas that take turns at waypoints: a scene of the multi-robot planning benchmark.
+
+    python benchmarks/waypoints.py [--arms 1,2,3] [--seeds 5] [--out FOLDER]
+
+Each arm brings its fingertips to all waypoints that it can reach, in their order, at each after the arm
+before it, and goes home (`waypoints.yaml`). Planned, scheduled and checked at once by the suite's own
+planner, of which `near` and `touch` are verbs from outside; a seed decides the search for paths alone. A row
+a seed in FOLDER/waypoints.jsonl. The last line is JSON: by the number of arms how many seeds have a plan,
+what it takes (CPU s), its makespan against the proven bound for its paths and against the slowest arm alone,
+and why others have none.
+"""
+
+import argparse
+import json
+import time
+from collections import Counter
+from collections.abc import Callable
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from rf_exp.datagen import Motion, Planned, Planner, Request, Settings, State, Unreachable, add_primitive
+from rf_exp.datagen.brain import Question, ScriptedSpec
+from rf_exp.datagen.motion.paths import Search
+from rf_exp.datagen.motion.planner import present_state
+from rf_exp.datagen.motion.reach import LookAhead, Reach, drawn_back
+from rf_exp.datagen.motion.state import Floats, Points
+from rf_exp.datagen.motion.timing import parameterise
+from rf_exp.findings import Cause, Finding
+from rf_exp.library.reading import ReadRobot, ReadTask
+from rf_exp.library.workcell import Saying
+from rf_exp.statements import Before, Proposal, Step, Verb, add_verb, keep_clear
+from rf_exp.tasks.assets import Asset
+from rf_exp.transforms import Matrix, from_axes, planar, transform
+from rf_exp.types import CONTROL_DT_S, FINGERS, ConstraintSet, JointLimits, Scene, Subgoal
+
+LIMITS = JointLimits(velocity_rad_s=1.0, acceleration_rad_s2=7.5)  # as benchmarks/vamp_mr.py
+OPEN_M = 0.035  # of each finger from the middle
+NEAR_M = 0.15  # before a waypoint, where an arm may wait for its turn
+# Of the tool: from straight down to upwards, beside the direction from base to waypoint, and about itself.
+PITCH_RAD, YAW_RAD, ROLL_RAD = (
+    np.deg2rad(each) for each in (range(-90, 61, 30), (-60, -30, 0, 30, 60), (0, 90))
+)
+Row = dict[str, Any]
+
+
+def directions(base: Matrix, waypoint: Matrix) -> list[Matrix]:
+    """TCP poses (4, 4) with fingertips at a waypoint: where the tool looks is free there."""
+    at_m, found = waypoint[:3, 3], []
+    ahead_rad = np.arctan2(*(at_m - base[:3, 3])[1::-1])
+    for pitch, yaw, roll in product(PITCH_RAD, YAW_RAD + ahead_rad, ROLL_RAD):
+        z = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
+        across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        y = np.cos(roll) * across + np.sin(roll) * np.cross(z, across)
+        found.append(from_axes(at_m, z=z, y=y))
+    return found
+
+
+def near(request: Request, state: State) -> Motion:
+    """To before a waypoint, wherever a straight line leads to it from."""
+    reach, agent, name = request.reach, request.agent, request.subgoal.object or ""
+    goals = np.stack(directions(reach.arms[agent].world_from_base, state.poses[name]))
+    before = drawn_back(goals, NEAR_M)
+
+    def after(poses: Floats) -> Callable[[int, Points], float]:
+        def takes_s(goal: int, points: Points) -> float:
+            line = reach.line(agent, points[-1], drawn_back(poses[goal], -NEAR_M))
+            return np.inf if line is None else float(reach.duration_s(line[[0, -1]]))
+
+        return takes_s
+
+    what, ahead = request.subgoal.text, LookAhead(after)
+    points = reach.timed(agent, [list(before)], 0.0, state, frozenset(), what, look_ahead=ahead)
+    moving, state = request.segment("near", points, state)
+    return (moving,), state
+
+
+def touch(request: Request, state: State) -> Motion:
+    """The rest of the way, straight on, and back, as the next arm comes to the same place."""
+    reach, agent = request.reach, request.agent
+    line = reach.line(agent, state.qpos[agent], drawn_back(request.tcp(state), -NEAR_M))
+    if line is None:
+        raise Unreachable(Cause.REACH, Finding.OUT_OF_REACH, (agent,), subgoals=(request.subgoal.text,))
+    touching, state = request.segment("touch", parameterise(line, reach.limits), state)
+    back, state = request.segment("retreat", parameterise(line[::-1], reach.limits), state)
+    return (touching, back), state
+
+
+for named, primitive in (("near", near), ("touch", touch)):
+    add_verb(Verb(named, ("object",), words=(f"{named} {named}s {named}ed {named}ed {named}ing",)))
+    add_primitive(named, primitive)
+
+
+def cell(said: Any, arms: int) -> tuple[ReadTask, Scene]:
+    """The first so many arms at home, and the waypoints, which are marks in the air."""
+    robots = []
+    for x_m, y_m, yaw_deg in said.bases[:arms]:
+        pose = planar(x_m, y_m, np.deg2rad(yaw_deg))
+        robots.append(ReadRobot(x_m, y_m, yaw_deg, rest_rad=tuple(said.home_rad), pose=pose, on_hand=None))
+    marks = {f"way{k + 1}": Asset(f"way{k + 1}", (), static=True) for k in range(len(said.waypoints_m))}
+    task = ReadTask.of("waypoints", tuple(robots), marks, {}, {})
+    qpos = np.tile([*said.home_rad, *[OPEN_M] * FINGERS], (arms, 1))
+    poses = {name: transform(at) for name, at in zip(marks, said.waypoints_m, strict=True)}
+    return task, Scene(0, qpos, 0 * qpos, poses, dict.fromkeys(poses, 0.0), (None,) * arms)
+
+
+def in_reach(task: ReadTask, scene: Scene) -> list[tuple[str, int]]:
+    """Each waypoint, and each agent that can come to it, in turn."""
+    reach = Reach(task.arms, LIMITS, lambda *_, **__: None, Search(np.random.default_rng(0)))
+    state, nothing = present_state(task, scene), LookAhead(lambda _: lambda goal, points: 0.0)
+    found = []
+    for name, agent in product(task.objects, task.agents):
+        goals = directions(task.arms[agent].world_from_base, scene.poses[name])
+        if np.isfinite(reach.estimated_s(agent, [goals], NEAR_M, state, nothing)):
+            found.append((name, agent))
+    return found
+
+
+def asked(task: ReadTask, touched: list[tuple[str, int]]) -> Proposal:
+    """Each waypoint by each arm, in turn, and home."""
+    subgoals = tuple(
+        Subgoal(agent, verb, name)
+        for agent in task.agents
+        for name, by in touched
+        for verb in ("near", "touch")
+        if by == agent
+    )
+    turns = [Step(agent, "touch", name) for name, agent in touched]
+    order = tuple(Before(one, other) for one, other in pairwise(turns) if one.agent != other.agent)
+    home = tuple(Subgoal(agent, "home") for agent in task.agents)
+    return Proposal(subgoals + home, (*order, *keep_clear(task.agents)))
+
+
+def planned(task: ReadTask, scene: Scene, seed: int) -> Row:
+    """One seed: whether there is a plan, what it takes, and its makespan; or why there is none."""
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), limits=LIMITS)
+    touched = in_reach(task, scene)
+    planner = Planner(settings, Saying(asked(task, touched)))
+    began = time.process_time()
+    made = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(seed))
+    row: Row = {"touches": len(touched), "plan": isinstance(made, Planned)}
+    row |= {"cpu_s": round(time.process_time() - began, 3)}
+    if isinstance(made, Planned):
+        steps, bound = len(made.schedule), made.schedule.makespan_bound
+        return {**row, "steps": steps, "bound": bound, "alone": max(map(len, made.trajectories))}
+    assert made is not None  # there are subgoals
+    return {**row, "reason": made.kind, "sentence": made.sentence}
+
+
+def summary(rows: list[Row]) -> Row:
+    """Of the seeds of a number of arms."""
+    made = [row for row in rows if row["plan"]]
+    said: Row = {"seeds": len(rows), "touches": rows[0]["touches"], "planned": len(made)}
+    said |= {"cpu_s": round(float(np.mean([row["cpu_s"] for row in rows])), 2)}
+    if made:
+        steps, bound, alone = (sum(row[key] for row in made) for key in ("steps", "bound", "alone"))
+        said |= {"makespan_s": round(steps / len(made) * CONTROL_DT_S, 2)}
+        said |= {"over_bound": round(steps / bound - 1, 4), "over_slowest_alone": round(steps / alone - 1, 3)}
+    return {**said, "reasons": Counter(row["reason"] for row in rows if not row["plan"]).most_common()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--arms", default="1,2,3")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=Path("outputs/waypoints"))
+    given = parser.parse_args()
+    said: Any = OmegaConf.load(Path(__file__).with_suffix(".yaml"))
+    given.out.mkdir(parents=True, exist_ok=True)
+    found = {}
+    with (given.out / "waypoints.jsonl").open("w", encoding="utf-8") as file:
+        for arms in map(int, given.arms.split(",")):
+            if not 1 <= arms <= len(said.bases):
+                parser.error(f"{arms} arms; the scene has bases for 1 to {len(said.bases)}")
+            task, scene = cell(said, arms)
+            rows = []
+            for seed in range(given.seeds):
+                rows.append({"arms": arms, "seed": seed, **planned(task, scene, seed)})
+                print(json.dumps(rows[-1]), file=file, flush=True)
+                print(rows[-1], flush=True)
+            found[arms] = summary(rows)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
