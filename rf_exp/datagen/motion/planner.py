@@ -54,13 +54,17 @@ def in_turn(proposal: Proposal, order: Order) -> Proposal:
 
 
 class Queues:
-    """What is still to be planned. Of agents that can go on the one that is listed first does."""
+    """What is still to be planned. Of agents that can go on the last one does, or who is listed first.
+
+    Who has put something down goes away before others come to the same place.
+    """
 
     def __init__(self, proposal: Proposal, lockstep: Lockstep, order: Order) -> None:
         agents = dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals)
         self.left = {agent: list(proposal.of(agent)) for agent in agents}  # what each has still to do
         self._lockstep, self._order = lockstep, order
         self._stuck: dict[int, _Stuck] = {}
+        self._last: int | None = None  # who went on alone
 
     def next(self) -> Sequence[Subgoal]:
         """The subgoal that is planned next, or those of several agents that are one motion; none: all are.
@@ -72,7 +76,7 @@ class Queues:
             return ()
         ready = [each for each in fronts.values() if each.agent not in self._stuck and not self._waits(each)]
         if alone := [each for each in ready if not self._group(each)]:
-            return alone[:1]
+            return [next((each for each in alone if each.agent == self._last), alone[0])]
         if together := self._together(ready):
             return together
         still = {agent: each for agent, each in self._stuck.items() if not each.moved}
@@ -88,6 +92,7 @@ class Queues:
         """They have a motion, by which things are moved."""
         for each in subgoals:
             self.left[each.agent].pop(0)
+        self._last = subgoals[0].agent if len(subgoals) == 1 else None
         for agent, each in self._stuck.items():
             if each.by is None or each.by.intersection(moved):
                 self._stuck[agent] = replace(each, moved=True)
