@@ -165,6 +165,20 @@ def test_who_was_stuck_is_tried_again_once_what_was_in_the_way_has_moved(error, 
     assert queues.next() == ()
 
 
+def test_who_has_gone_on_last_goes_on_before_those_who_have_waited_for_it():
+    waits, first, then = (
+        Subgoal(1, "lift", "steak"),
+        Subgoal(2, "lift", "lid"),
+        Subgoal(2, "grasp", "pot", "left"),
+    )
+    order = (((2, "lift", "lid"), (1, "lift", "steak")),)
+    queues, met = Queues(Proposal((waits, first, then), ()), (), order), []
+    while subgoals := queues.next():
+        met += subgoals
+        queues.planned(subgoals, ())
+    assert met == [first, then, waits]
+
+
 @pytest.mark.parametrize("error", [IN_THE_WAY, FAR_OFF])
 def test_where_nothing_moves_that_matters_the_first_reason_is_the_answer(error):
     queues = Queues(Proposal((ONE, OTHER), ()), (), ())
