@@ -97,8 +97,10 @@ class Reach:
                     return parameterise(points, self.limits)
                 if radius_rad == BLEND_RAD[-1]:
                     obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
-            if risen is not None and (obstacle := blocked(risen, between=True)):  # as all lines begin so
+            # All lines begin with it, so it is asked for once.
+            if risen is not None and (obstacle := blocked(risen, between=True)):
                 raise obstructed(what, Blockage(agent, risen, state, touches, obstacle, "as it rises"))
+            risen = None
         if obstacles:
             everywhere = len(no_room) == sum(map(len, tiers))
             finding = Finding.NO_ROOM if everywhere else Finding.BLOCKED
