@@ -134,15 +134,13 @@ def asked(task: ReadTask, touched: list[tuple[str, int]]) -> Proposal:
     return Proposal(subgoals + home, (*order, *keep_clear(task.agents)))
 
 
-def planned(task: ReadTask, scene: Scene, seed: int) -> Row:
+def planned(task: ReadTask, scene: Scene, proposal: Proposal, seed: int) -> Row:
     """One seed: whether there is a plan, what it takes, and its makespan; or why there is none."""
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), limits=LIMITS)
-    touched = in_reach(task, scene)
-    planner = Planner(settings, Saying(asked(task, touched)))
+    planner = Planner(settings, Saying(proposal))
     began = time.process_time()
     made = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(seed))
-    row: Row = {"touches": len(touched), "plan": isinstance(made, Planned)}
-    row |= {"cpu_s": round(time.process_time() - began, 3)}
+    row: Row = {"plan": isinstance(made, Planned), "cpu_s": round(time.process_time() - began, 3)}
     if isinstance(made, Planned):
         steps, bound = len(made.schedule), made.schedule.makespan_bound
         return {**row, "steps": steps, "bound": bound, "alone": max(map(len, made.trajectories))}
@@ -178,9 +176,11 @@ def main() -> None:
             if not 1 <= arms <= len(said.bases):
                 parser.error(f"{arms} arms; the scene has bases for 1 to {len(said.bases)}")
             task, scene = cell(said, arms)
-            rows = []
+            touched, rows = in_reach(task, scene), list[Row]()
+            proposal = asked(task, touched)
             for seed in range(given.seeds):
-                rows.append({"arms": arms, "seed": seed, **planned(task, scene, seed)})
+                row = {"arms": arms, "seed": seed, "touches": len(touched)}
+                rows.append({**row, **planned(task, scene, proposal, seed)})
                 print(json.dumps(rows[-1]), file=file, flush=True)
                 print(rows[-1], flush=True)
             found[arms] = summary(rows)
