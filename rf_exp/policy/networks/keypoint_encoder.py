@@ -45,6 +45,7 @@ WIDE, STRIDE, REACH = 16, 2, 0.25
 # Another light. Half ranges of logarithms, but for the grey: a pilot with these held from 0.35 to 1.5 times
 # the usual light.
 GAIN, TINT, GAMMA, GREY = (-0.7, 0.5), (-0.3, 0.3), (-0.4, 0.4), (0.0, 0.5)
+IN_FULL = torch.autocast("cuda", enabled=False)  # in bfloat16, places in a picture would be a pixel apart
 
 
 class _Dilated(nn.Module):
@@ -77,7 +78,7 @@ class _Each(nn.Module):
 
 
 class CropRefinement(nn.Module):
-    """Squares of `side` pixels round K places of a picture -> where in them the K points are."""
+    """Squares of `side` pixels round K places of a picture -> where in them the K points are, what is there."""
 
     def __init__(self, points: int, side: int) -> None:
         super().__init__()
@@ -94,8 +95,11 @@ class CropRefinement(nn.Module):
         # Each point has a map of its own: one product of what is seen with K vectors, of which one counts.
         self.points = nn.Parameter(torch.randn(points, WIDE) / WIDE**0.5)
 
-    def forward(self, pictures: Tensor, places: Tensor) -> Tensor:
-        """Of pictures (B, 3, H, W), places (B, K, 2) from 0 to 1 -> the places looked at again (B, K, 2)."""
+    def forward(self, pictures: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
+        """Of pictures (B, 3, H, W), places (B, K, 2) from 0 to 1 -> the places looked at again (B, K, 2).
+
+        And what is seen there (B, K, WIDE).
+        """
         size = torch.tensor(pictures.shape[:1:-1], device=places.device)  # W, H
         corners = (places.detach() * size - self._side / 2).round().long()
         corners = corners.clamp_min(0).minimum(size - self._side)  # (B, K, 2) upper left: wholly inside
@@ -106,20 +110,25 @@ class CropRefinement(nn.Module):
         seen = self.trunk(squares.flatten(0, 1).permute(0, 3, 1, 2)).unflatten(0, places.shape[:2])
         maps = torch.einsum("bkchw,kc->bkhw", seen, self.points)
         maps = functional.softmax(maps.flatten(2), dim=2).view_as(maps)
+        there = torch.einsum("bkhw,bkchw->bkc", maps, seen)
         # Of the pixel at which a kernel stands.
         rows, columns = (STRIDE * torch.arange(count, device=maps.device) + 0.5 for count in maps.shape[2:])
         within = torch.stack([maps.sum(dim=2) @ columns, maps.sum(dim=3) @ rows], dim=2)
-        return (corners + within) / size
+        return (corners + within) / size, there
 
-    def loss(self, pictures: Tensor, places: Tensor, true: Tensor) -> Tensor:
-        """How far in pixels the places are off the true ones (B, K, 2), of which NaN counts for nothing."""
+    def loss(self, pictures: Tensor, places: Tensor, true: Tensor) -> tuple[Tensor, Tensor]:
+        """How far in pixels the places are off the true ones (B, K, 2), of which NaN counts for nothing.
+
+        And what is seen there (B, K, WIDE).
+        """
         known = inside_picture(true)
         size = torch.tensor(pictures.shape[:1:-1], device=places.device)
         reach = REACH * self._side / size
         true = torch.where(known[..., None], true, places.detach())
         near = true + (places.detach() - true).clamp(-reach, reach)
-        off = (self(pictures, near) - true)[known] * size
-        return off.abs().mean() if len(off) else places.sum() * 0.0
+        found, there = self(pictures, near)
+        off = (found - true)[known] * size
+        return (off.abs().mean() if len(off) else places.sum() * 0.0), there
 
 
 @dataclass(frozen=True)
@@ -130,7 +139,7 @@ class _Read:
     rise: Tensor  # (B, K * M * P) heights above their mean, in spreads
     headings: Tensor  # (B, K * M, HEADING)
     sure: Tensor  # (B, K * M) trust
-    doing: Tensor  # (B, N, S) of each other agent, as logits, the subgoal that it is at
+    scene: Tensor  # (B, K * M * POOLED + CHANNELS) what is seen at the keypoints, and all over
 
 
 class KeypointEncoder(Encoder):
@@ -170,11 +179,12 @@ class KeypointEncoder(Encoder):
         self.rise = _Each(seen, POOLED + CHANNELS + 3 + 12, 32, len(HAND))
         # Who is done looks like who has not begun; what it has left behind does not.
         self.tell: nn.Module | None = None
-        if watched := self._others * subgoals:
-            self.tell = nn.Sequential(
-                nn.Linear(seen * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, watched)
-            )
         side = config.crop_refinement
+        if watched := self._others * subgoals:
+            told = POOLED + (WIDE if side else 0)  # fingers that have shut are a pixel wide
+            self.tell = nn.Sequential(
+                nn.Linear(seen * told + CHANNELS, 64), nn.Mish(), nn.Linear(64, watched)
+            )
         self.crop_refinement = CropRefinement(seen * len(HAND), side) if side else None
 
     @property
@@ -221,10 +231,7 @@ class KeypointEncoder(Encoder):
         # As the trunk's memory lies: seen otherwise, each of its gradients would be transposed on its way.
         cells = seen.permute(0, 2, 3, 1).flatten(1, 2)  # (B, h * w, C)
         pooled = self.pool(weights @ cells)  # (B, K * M, POOLED), at the TCPs
-        doing = maps.new_zeros(len(maps), 0, 0)
-        if self.tell is not None:
-            doing = self.tell(torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1))
-            doing = doing.unflatten(1, (self._others, -1))
+        scene = torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1)
         places, sure = torch.stack([x, y], dim=2), total[:, :: len(HAND)]
         with torch.no_grad():
             heights = self.centre[:, 2].expand(len(maps), -1)
@@ -232,7 +239,17 @@ class KeypointEncoder(Encoder):
         overview = cells.mean(dim=1, keepdim=True).expand(-1, pooled.shape[1], -1)
         camera = rays.flatten(2).repeat_interleave(self.keypoints, dim=1)
         about = torch.cat([pooled, overview, usual.repeat(1, self._cameras, 1), camera], dim=2)
-        return _Read(places, self.rise(about).flatten(1), self.turn(pooled), sure, doing)
+        return _Read(places, self.rise(about).flatten(1), self.turn(pooled), sure, scene)
+
+    def _doing(self, read: _Read, near: Tensor | None) -> Tensor:
+        """(B, N, S) of each other agent, as logits, the subgoal that it is at.
+
+        From what was read and, if it was looked at again, what is `near` (B, K * M * P, WIDE).
+        """
+        if self.tell is None:
+            return read.scene.new_zeros(len(read.scene), 0, 0)
+        seen = [read.scene] if near is None else [read.scene, near[:, :: len(HAND)].flatten(1)]
+        return self.tell(torch.cat(seen, dim=1)).unflatten(1, (self._others, -1))
 
     def fit_points(self, pixels: Tensor, points: Tensor) -> None:
         """To where points (N, K * M * P, 3) in m are, where their places are in the picture."""
@@ -268,13 +285,14 @@ class KeypointEncoder(Encoder):
         """(B, K, M * P) of each point, from that of its keypoint (B, K * M)."""
         return sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
 
+    @IN_FULL
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of all points in the pictures (B, K * M * P, 2), from 0 to 1."""
         rays = self.usual if rays is None else rays
         read = self.read(*self.look(pictures), rays)
-        places = read.places
+        places, near = read.places, None
         if self.crop_refinement is not None:
-            places = self.crop_refinement(pictures, places)
+            places, near = self.crop_refinement(pictures, places)
         trust, by_camera = self._trust(read.sure), (1, (self._cameras, -1))
         rise = (read.rise.unflatten(*by_camera) * trust).sum(dim=1) / trust.sum(dim=1)
         heights = self.centre[:, 2] + self.spread * rise
@@ -284,9 +302,11 @@ class KeypointEncoder(Encoder):
         sure = read.sure.unflatten(*by_camera)[..., None]
         headings = (read.headings.unflatten(*by_camera) * sure).sum(dim=1) / sure.sum(dim=1)
         features = torch.cat([hands, headings, sure.amax(dim=1)], dim=2)
-        features = torch.cat([features.flatten(1), read.doing.softmax(dim=2).flatten(1)], dim=1)
+        doing = self._doing(read, near).softmax(dim=2).flatten(1)
+        features = torch.cat([features.flatten(1), doing], dim=1)
         return features, places
 
+    @IN_FULL
     def loss(self, pictures: Tensor, rays: Tensor, labels: Labels) -> Tensor:
         """Of pictures in which this is to be seen, by cameras that stand so."""
         maps, seen = self.look(pictures)
@@ -305,11 +325,13 @@ class KeypointEncoder(Encoder):
         self.height_error.copy_(torch.where(count > 0, error, self.height_error))
         rise = above[inside].mean()
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn + HEIGHT_WEIGHT * rise
+        near = None
         if self.crop_refinement is not None:
-            loss = loss + PIXEL_WEIGHT * self.crop_refinement.loss(pictures, found.places, labels.pixels)
+            off, near = self.crop_refinement.loss(pictures, found.places, labels.pixels)
+            loss = loss + PIXEL_WEIGHT * off
         if self.tell is None:
             return loss
-        return loss + functional.cross_entropy(found.doing.mT, labels.doing)
+        return loss + functional.cross_entropy(self._doing(found, near).mT, labels.doing)
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
         """With noise on the places of keypoints, one draw for all frames of a window."""
