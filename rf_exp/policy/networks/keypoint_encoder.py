@@ -45,7 +45,6 @@ WIDE, STRIDE, REACH = 16, 2, 0.25
 # Another light. Half ranges of logarithms, but for the grey: a pilot with these held from 0.35 to 1.5 times
 # the usual light.
 GAIN, TINT, GAMMA, GREY = (-0.7, 0.5), (-0.3, 0.3), (-0.4, 0.4), (0.0, 0.5)
-IN_FULL = torch.autocast("cuda", enabled=False)  # in bfloat16, places in a picture would be a pixel apart
 
 
 class _Dilated(nn.Module):
@@ -285,7 +284,6 @@ class KeypointEncoder(Encoder):
         """(B, K, M * P) of each point, from that of its keypoint (B, K * M)."""
         return sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
 
-    @IN_FULL
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of all points in the pictures (B, K * M * P, 2), from 0 to 1."""
         rays = self.usual if rays is None else rays
@@ -306,7 +304,6 @@ class KeypointEncoder(Encoder):
         features = torch.cat([features.flatten(1), doing], dim=1)
         return features, places
 
-    @IN_FULL
     def loss(self, pictures: Tensor, rays: Tensor, labels: Labels) -> Tensor:
         """Of pictures in which this is to be seen, by cameras that stand so."""
         maps, seen = self.look(pictures)
