@@ -76,10 +76,15 @@ def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
         assert other.learned_as == (other.recipe if learned else "fast")
 
 
-def test_fixed_starts_is_robust_without_one_of_its_steps() -> None:
-    robust, other = experiment("recipe=robust", "policy=robust"), experiment("policy=ablation/fixed_starts")
-    assert robust.policy != other.policy == replace(robust.policy, start_offset_rad=0.0)
-    assert (robust.training, robust.name) == (other.training, other.name)
+def test_each_ablation_of_robust_is_without_one_of_its_steps() -> None:
+    robust, one_look = experiment("recipe=robust", "policy=robust"), experiment("policy=ablation/one_look")
+    fixed, fast = experiment("policy=ablation/fixed_starts"), experiment("policy=fast")
+    assert one_look.policy != fixed.policy == replace(one_look.policy, start_offset_rad=0.0)
+    assert (one_look.training, one_look.name) == (fixed.training, fixed.name)
+    ours, theirs, once = (each.policy.encoder for each in (robust, one_look, fast))
+    looks = {key: getattr(once, key) for key in ("downsample", "crop_refinement", "shift_px")}
+    assert theirs == replace(ours, **looks) != ours
+    assert (one_look.pictures, one_look.training) == (fast.pictures, robust.training)
 
 
 def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:
