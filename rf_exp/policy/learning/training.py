@@ -231,7 +231,7 @@ class Training:
         rng = np.random.default_rng([config.seed, CROPS, number])
         noise_seed = int(np.random.SeedSequence([config.seed, NOISE, number]).generate_state(1)[0])
         generator = torch.Generator(self._device).manual_seed(noise_seed)
-        # Small networks wait for kernels to be launched, not for these, and bfloat16 has places a pixel apart.
+        # Small networks wait for kernels to be launched, and bfloat16 has places a pixel apart.
         mixed = self._device.type == "cuda" and self.policy.config.encoder.large
         with (
             torch.autocast(self._device.type, torch.bfloat16, enabled=mixed),
