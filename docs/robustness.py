@@ -1,9 +1,10 @@
 """Writes docs/robustness.md from conf/variation and the rows in results/: python docs/robustness.py"""
 
 import re
+from itertools import product
 from pathlib import Path
 
-from rf_exp.ablation import Results, configured, load, robustness
+from rf_exp.ablation import EvaluationRow, Results, configured, load, paired, robustness, title_of
 from rf_exp.artifacts import rendered
 from rf_exp.command import CONF
 from rf_exp.tasks import FACTORS, read_variation
@@ -15,6 +16,7 @@ PAGE = HERE / "robustness.md"
 VARIATIONS = CONF / "variation"
 KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
 FACTOR = "`variation=`", "what varies", "how far", "stream"
+LOOKS = "task", "scenes", "`one_look`", "`robust`", "won, lost", "p", "core-minutes, once", "twice"
 
 
 def choices() -> list[str]:
@@ -57,6 +59,27 @@ def measured(results: Results) -> str:
     return table(heading, lines)
 
 
+def looks(results: Results) -> str:
+    """Policies that look twice beside those that look once, in the same scenes; empty where none are both."""
+    cells: dict[tuple[str, str, str], dict[int, EvaluationRow]] = {}
+    for row in results.evaluation:
+        cells.setdefault((row.task, row.variation, row.recipe), {})[row.scene_seed] = row
+    suite, lines = configured(), []
+    for task, scenes in product(suite, ("none", "posture", "full")):
+        once, twice = (cells.get((task, scenes, f"{recipe}+full"), {}) for recipe in ("one_look", "robust"))
+        pairs = [(once[seed], twice[seed]) for seed in sorted(once.keys() & twice.keys())]
+        if not pairs:
+            continue
+        success = [(one.success, two.success) for one, two in pairs]
+        before, after = map(sum, zip(*success, strict=True))
+        differ = [two for one, two in success if one != two]
+        p, minutes = paired(success).p, [f"{row.core_s / 60:.0f}" for row in pairs[0]]
+        shares = [str(before), f"**{after}**", f"{sum(differ)}, {len(differ) - sum(differ)}"]
+        shares += ["<0.001" if p < 0.001 else f"{p:.2g}", *minutes]
+        lines.append([title_of(task, suite), f"`{scenes}`", *shares])
+    return table(LOOKS, lines) if lines else ""
+
+
 def _words(comment: str) -> str:
     """A comment within a cell."""
     return comment.replace("|", "\\|")
@@ -73,6 +96,7 @@ def document(results: Results) -> str:
         factors=table(FACTOR, [factor(name) for name in choices()]),
         keys=table(("key", "what it is"), keys()),
         measured=measured(results),
+        looks=looks(results),
     )
 
 

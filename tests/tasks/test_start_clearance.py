@@ -1,11 +1,12 @@
 """Arms stand in nothing when an episode begins, however far from rest their postures are."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
-from rf_exp.geometry import PlanningScene, nearest
+from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
 from rf_exp.tasks import read_variation
 from rf_exp.tasks.task.start import stands_in
 from rf_exp.tasks.task.variation import draw
@@ -38,3 +39,20 @@ def test_postures_that_would_stand_in_a_thing_are_taken_back() -> None:
         by_rad = start.qpos[:, : task.dof] - [robot.rest_rad for robot in task.robots]
         taken_back += bool(np.abs(by_rad - draw(scene_task, seed).posture_rad).max() > 0.2)
     assert taken_back
+
+
+@pytest.mark.slow
+def test_postures_in_which_arms_would_meet_are_taken_back() -> None:
+    """As exact distances say: of these scenes, in one of ten two arms stood up to 67 mm in one another."""
+    task = replace(read_task("three_robots_stack_cube"), variation=read_variation("full"))
+    taken_back = 0
+    for seed in range(1_000_040, 1_000_060):
+        stands = task.of(seed)
+        start = stands.start(seed)
+        scene = PlanningScene(stands, start.scene)
+        for a, b in combinations(task.agents, 2):
+            assert scene.between(a, b).distance_m > AGENT_MARGIN_M
+        drawn_rad = draw(stands, seed).posture_rad
+        by_rad = start.qpos[:, : task.dof] - [robot.rest_rad for robot in task.robots]
+        taken_back += bool(np.abs(by_rad - drawn_rad).max() > 0.08)  # four deviations of every start
+    assert taken_back >= 4

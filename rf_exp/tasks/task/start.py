@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 GAP_M = 0.005  # between objects at the start
 CLEAR_M = 0.01  # between an arm and what it does not hold
+APART_M = 0.03  # between corners of two arms: checks ask for a third of that, and edges may be nearer
 _DRAWS = 1000
 
 
@@ -100,48 +101,65 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
 def _postured(
     task: "Task", qpos: NDArray[np.float64], by_rad: NDArray[np.float64], poses: Mapping[str, Matrix]
 ) -> NDArray[np.float64]:
-    """Arms at qpos (N, D), moved by so much (N, dof); by half or less where one would stand in a thing."""
+    """Arms at qpos (N, D), moved by so much (N, dof); by less where one would stand in a thing or an arm."""
     for part in (1.0, 0.5, 0.25, 0.0):
         found = qpos.copy()
         for row, robot, off in zip(found, task.robots, by_rad, strict=True):
             arm = row[: robot.model.dof]
             arm[:] = (arm + part * off[: robot.model.dof]).clip(*robot.model.planned_rad)
-        if not by_rad.any() or stands_in(task, found, poses) is None:
+        if not by_rad.any() or (stands_in(task, found, poses) is None and not arms_meet(task, found)):
             break
     return found
 
 
 def stands_in(task: "Task", qpos: NDArray[np.float64], poses: Mapping[str, Matrix]) -> str | None:
-    """Which object, of those at `poses`, an arm at qpos (N, D) is nearer to than CLEAR_M; None: to none.
-
-    By corners of one in the other, both ways: links and things are convex pieces with many corners.
-    """
+    """Which object, of those at `poses`, an arm at qpos (N, D) is nearer to than CLEAR_M; None: to none."""
     pieces = [(name, pose, hull) for name, pose in poses.items() for hull in task.asset(name).hulls]
-    for row, arm in zip(qpos, task.arms.values(), strict=True):
-        links = dict(zip(arm.robot.links, arm.links(row[None])[0], strict=True))
-        for link, link_hull in arm.robot.hulls.items():
+    for links in _links(task, qpos):
+        for link, link_hull in links:
             for name, pose, hull in pieces:
-                link_from_object = inverse(links[link]) @ pose
-                if _far(link_hull, hull, link_from_object):
-                    continue
-                if _within(link_hull, apply(link_from_object, hull.vertices)) or _within(
-                    hull, apply(inverse(link_from_object), link_hull.vertices)
-                ):
+                if _near(link_hull, hull, inverse(link) @ pose, CLEAR_M):
                     return name
     return None
 
 
-def _far(one: "trimesh.Trimesh", other: "trimesh.Trimesh", one_from_other: Matrix) -> bool:
-    """Whether the spheres round two meshes are farther apart than CLEAR_M."""
+def arms_meet(task: "Task", qpos: NDArray[np.float64]) -> bool:
+    """Whether two arms at qpos (N, D) are nearer to one another than APART_M."""
+    return any(
+        _near(hull, other_hull, inverse(link) @ other, APART_M)
+        for a, b in combinations(_links(task, qpos), 2)
+        for link, hull in a
+        for other, other_hull in b
+    )
+
+
+def _links(task: "Task", qpos: NDArray[np.float64]) -> list[list[tuple[Matrix, "trimesh.Trimesh"]]]:
+    """Of each arm at qpos (N, D) its links: where they are, world_from_link, and their convex hulls."""
+    found = []
+    for row, arm in zip(qpos, task.arms.values(), strict=True):
+        links = dict(zip(arm.robot.links, arm.links(row[None])[0], strict=True))
+        found.append([(links[link], hull) for link, hull in arm.robot.hulls.items()])
+    return found
+
+
+def _near(one: "trimesh.Trimesh", other: "trimesh.Trimesh", one_from_other: Matrix, least_m: float) -> bool:
+    """Whether two convex meshes are nearer than so much: by corners of one in the other, both ways.
+
+    Links and things are convex pieces with many corners.
+    """
     between = apply(one_from_other, other.bounds.mean(axis=0)) - one.bounds.mean(axis=0)
     radii_m = (np.linalg.norm(one.extents) + np.linalg.norm(other.extents)) / 2
-    return bool(np.linalg.norm(between) > radii_m + CLEAR_M)
+    if np.linalg.norm(between) > radii_m + least_m:
+        return False
+    return _within(one, apply(one_from_other, other.vertices), least_m) or _within(
+        other, apply(inverse(one_from_other), one.vertices), least_m
+    )
 
 
-def _within(hull: "trimesh.Trimesh", points: NDArray[np.float64]) -> bool:
-    """Whether a point (K, 3) is inside of a convex mesh, or nearer to it than CLEAR_M."""
+def _within(hull: "trimesh.Trimesh", points: NDArray[np.float64], least_m: float) -> bool:
+    """Whether a point (K, 3) is inside of a convex mesh, or nearer to it than so much."""
     outside_m = points @ hull.face_normals.T - (hull.triangles_center * hull.face_normals).sum(axis=1)
-    return bool((outside_m.max(axis=1) < CLEAR_M).any())
+    return bool((outside_m.max(axis=1) < least_m).any())
 
 
 def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:
