@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.ablation import paper
 from rf_exp.command import CONF, register_all_tasks
+from rf_exp.policy.config import KeypointsConfig
 from tests.conftest import experiment
 
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
@@ -82,6 +83,7 @@ def test_each_ablation_of_robust_is_without_one_of_its_steps() -> None:
     assert one_look.policy != fixed.policy == replace(one_look.policy, start_offset_rad=0.0)
     assert (one_look.training, one_look.name) == (fixed.training, fixed.name)
     ours, theirs, once = (each.policy.encoder for each in (robust, one_look, fast))
+    assert isinstance(ours, KeypointsConfig)
     looks = {key: getattr(once, key) for key in ("downsample", "crop_refinement", "shift_px")}
     assert theirs == replace(ours, **looks) != ours
     assert (one_look.pictures, one_look.training) == (fast.pictures, robust.training)
