@@ -4,7 +4,16 @@ import re
 from itertools import product
 from pathlib import Path
 
-from rf_exp.ablation import EvaluationRow, Results, configured, load, paired, robustness, title_of
+from rf_exp.ablation import (
+    EvaluationRow,
+    Results,
+    configured,
+    is_baseline,
+    load,
+    paired,
+    robustness,
+    title_of,
+)
 from rf_exp.artifacts import rendered
 from rf_exp.command import CONF
 from rf_exp.tasks import FACTORS, read_variation
@@ -16,6 +25,7 @@ PAGE = HERE / "robustness.md"
 VARIATIONS = CONF / "variation"
 KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
 FACTOR = "`variation=`", "what varies", "how far", "stream"
+Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, training seed, scene
 LOOKS = "task", "scenes", "`one_look`", "`robust`", "won, lost", "p", "core-minutes, once", "twice"
 
 
@@ -61,13 +71,15 @@ def measured(results: Results) -> str:
 
 def looks(results: Results) -> str:
     """Policies that look twice beside those that look once, in the same scenes; empty where none are both."""
-    cells: dict[tuple[str, str, str], dict[int, EvaluationRow]] = {}
+    cells: dict[tuple[str, str, str], dict[Trial, EvaluationRow]] = {}
     for row in results.evaluation:
-        cells.setdefault((row.task, row.variation, row.recipe), {})[row.scene_seed] = row
+        if is_baseline(row) and not row.shield:
+            trial = row.version, row.demos, row.train_seed, row.scene_seed
+            cells.setdefault((row.task, row.variation, row.recipe), {})[trial] = row
     suite, lines = configured(), []
     for task, scenes in product(suite, ("none", "posture", "full")):
         once, twice = (cells.get((task, scenes, f"{recipe}+full"), {}) for recipe in ("one_look", "robust"))
-        pairs = [(once[seed], twice[seed]) for seed in sorted(once.keys() & twice.keys())]
+        pairs = [(once[trial], twice[trial]) for trial in sorted(once.keys() & twice.keys())]
         if not pairs:
             continue
         success = [(one.success, two.success) for one, two in pairs]
