@@ -25,7 +25,7 @@ MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
 # Keys that came after policies were released, at the values that change nothing, which stand in no identity.
-LATER: Mapping[str, Any] = {"start_offset_rad": 0.0}
+LATER: Mapping[str, Any] = {"start_offset_rad": 0.0, "acting": {"homing": False}}
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
@@ -224,6 +224,9 @@ class ActingConfig(Checked):
     # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
     # 0: it waits until one look says more than a half.
     transition_integrator: float = bounded(1e6, least=0)
+    # An arm goes to the posture of rest of its task, in a straight line of its joints, before its first look
+    # and when its fingers have shut on nothing.
+    homing: bool
 
 
 @dataclass(frozen=True)
@@ -254,6 +257,8 @@ class PolicyConfig(Checked):
         for name in ("phases", "task_space_actions"):
             needs = self.context or not getattr(self, name)
             require(needs, "context", self.context, f"true with {name}")
+        told = self.context or not self.acting.homing  # of the task's robots
+        require(told, "context", self.context, "true with acting.homing")
         seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
         require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
         self.encoder.check_in(self)
@@ -287,7 +292,7 @@ class PolicyConfig(Checked):
         return self._values(True)
 
     def _values(self, acting: bool | None) -> dict[str, Any]:
-        found = without(values(self, acting), **LATER)
+        found = _without(values(self, acting), LATER)
         for kind in PARTS:
             part, fields_of = getattr(self, kind), found.pop(kind, {})
             own = {key: value for key, value in fields_of.items() if not is_dataclass(getattr(part, key))}
@@ -309,6 +314,12 @@ class PolicyConfig(Checked):
     def cropped(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of what the encoder sees of such a picture, pixels."""
         return round(self.crop * height), round(self.crop * width)
+
+
+def _without(found: Mapping[str, Any], nothing: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values but for those that say nothing."""
+    sections = {key: each for key, each in nothing.items() if isinstance(each, Mapping) and key in found}
+    return without({**found, **{key: _without(found[key], each) for key, each in sections.items()}}, **nothing)
 
 
 def read_recipe(node: Mapping[str, Any], picture: Mapping[str, int]) -> PolicyConfig:

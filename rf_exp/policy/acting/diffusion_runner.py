@@ -19,6 +19,7 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import HAND
 from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.observation_spec import (
+    EMPTY_M,
     Memory,
     ObservationSpec,
     context,
@@ -35,6 +36,7 @@ from rf_exp.policy.networks.policy import Policy
 from rf_exp.transforms import Matrix, placed
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
+SETTLE_STEPS = 2  # until an arm stands where it was sent
 WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
 SAME_SCENE = 0.03  # predicted probabilities that differ by less are of a scene in which nothing changes
 
@@ -83,6 +85,7 @@ class _Episode:
     grippers: Memory
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
+    homing: NDArray[np.bool_]  # (agents of the view,) who has to go to rest before the next look
 
 
 class DiffusionRunner(PolicyRunner):
@@ -127,7 +130,8 @@ class DiffusionRunner(PolicyRunner):
         grippers, nothing = Memory(self._agents), np.full(self._agents, np.nan)
         size_px, usual = (self._config.width, self._config.height), self._policy.encoder.usual_rays
         cameras = [] if usual is None else [estimates(each, size_px) for each in usual.cpu().double().numpy()]
-        return _Episode(frames, transitions, generators, grippers, nothing, cameras)
+        homing = np.full(len(self.view.agents), self._config.acting.homing)
+        return _Episode(frames, transitions, generators, grippers, nothing, cameras, homing)
 
     # what is observed
 
@@ -139,7 +143,8 @@ class DiffusionRunner(PolicyRunner):
     @property
     def _observes(self) -> bool:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
-        return self.state.kept or len(self.state.targets) < self._config.observation_steps
+        due = self.state.kept or len(self.state.targets) < self._config.observation_steps
+        return due and not self._episode.homing.any()
 
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:
@@ -148,6 +153,10 @@ class DiffusionRunner(PolicyRunner):
         for agent, joints in observation.qpos.items():
             qpos[agent - 1] = joints
         episode.widths = widths(qpos)
+        if self._config.acting.homing and (missed := self._missed()).any():
+            episode.homing |= missed
+            for row in range(len(missed)):
+                self.state.targets.forget(row)
         if not self._observes:
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
@@ -243,6 +252,8 @@ class DiffusionRunner(PolicyRunner):
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
         """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
+        if self._episode.homing.any():
+            return self._home()
         kept = zip(*self._episode.frames, strict=True)
         features, proprio, known = (torch.stack(each, dim=1) for each in kept)  # (S, O, ...) oldest first
         known, waits = self._phase(observation, features, proprio, known)
@@ -271,6 +282,32 @@ class DiffusionRunner(PolicyRunner):
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
         # a gripper: in the pictures alone nothing tells how long it has been where it opens.
         return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
+
+    def _missed(self) -> NDArray[np.bool_]:
+        """(agents of the view,) whose fingers have shut on nothing, where no demonstration means them to.
+
+        From where they are the hand hides what they have missed, and what was seen wrong is seen so again.
+        """
+        grippers = self._episode.grippers
+        shut = ~grippers.opened & (self._episode.widths < EMPTY_M)
+        meant = [agent for agent, numbers in enumerate(self.spec.shuts) if grippers.changes[agent] in numbers]
+        shut[meant] = False
+        return shut[self._rows]
+
+    def _home(self) -> NDArray[np.float64]:
+        """Targets (T, agents of the view, 8) for as long as the way takes: at rest with open fingers.
+
+        Who has no need to go waits as it is.
+        """
+        homing, self._episode.homing = self._episode.homing, np.zeros_like(self._episode.homing)
+        opened = homing | self._episode.grippers.opened[self._rows]
+        targets = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
+        rests = np.stack([self.spec.rest_rad(agent) for agent in self.view.agents])
+        targets[homing, :ARM_JOINTS] = rests[homing]
+        far_rad = np.abs(targets[:, :ARM_JOINTS] - self.state.targets.last).max(axis=1)
+        moves = self._fastest_rad > 0  # no demonstration moved the others
+        steps = np.ceil(np.max(far_rad[moves] / self._fastest_rad[moves], initial=0)) + SETTLE_STEPS
+        return np.tile(targets, (int(steps), 1, 1))
 
     def _phase(
         self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor

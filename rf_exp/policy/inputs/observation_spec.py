@@ -9,6 +9,7 @@ their range in the demonstrations: of a thing that goes along the whole table, a
 a thousandth.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -51,11 +52,17 @@ class ObservationSpec:
     subgoals: int = 0  # of an own agent, of which it is told
     names: tuple[tuple[str, ...], ...] = ()  # of them, of each agent; empty where they count as they come
     robots: tuple[str, ...] = ()  # of every arm of the task; empty where all are the usual one
+    # (dof,) rad, how each arm of the task stands when it has nothing to do; empty where as its robot does.
+    rests: tuple[tuple[float, ...], ...] = ()
+    # Of each arm the numbers of its gripper's changes after which the fingers are meant to be shut on nothing
+    # (they press, or push); empty where there are none.
+    shuts: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.bases) > MOST_AGENTS or not np.isfinite(np.array(self.bases, float)).all():
             raise ArgumentError(f"bases are {self.bases}; expected finite ones of at most {MOST_AGENTS} arms")
-        for name, high in (("objects", MOST_OBJECTS), ("names", MOST_AGENTS), ("robots", MOST_AGENTS)):
+        sizes = {"objects": MOST_OBJECTS, **dict.fromkeys(("names", "robots", "rests", "shuts"), MOST_AGENTS)}
+        for name, high in sizes.items():
             if len(getattr(self, name)) > high:
                 raise ArgumentError(f"there are {len(getattr(self, name))} {name}; expected at most {high}")
         for name, high in (("keyframes", CHANGES), ("subgoals", MOST_SUBGOALS)):
@@ -65,7 +72,7 @@ class ObservationSpec:
     @property
     def identity(self) -> dict[str, Any]:
         """Its fields, but for those that say nothing and came later."""
-        return without(asdict(self), subgoals=0, names=(), robots=())
+        return without(asdict(self), subgoals=0, names=(), robots=(), rests=(), shuts=())
 
     @property
     def world_from_base(self) -> list[Matrix]:
@@ -75,6 +82,11 @@ class ObservationSpec:
     def robot(self, agent: int) -> Robot:
         """Which robot an agent is. Raises ArgumentError for one that nobody has added."""
         return robot_named(self.robots[agent - 1]) if self.robots else DEFAULT
+
+    def rest_rad(self, agent: int) -> NDArray[np.float64]:
+        """(7,) joints of an agent that has nothing to do; zero behind those that it has."""
+        rest = np.array(self.rests[agent - 1] if self.rests else self.robot(agent).rest_rad)
+        return np.pad(rest, (0, ARM_JOINTS - len(rest)))
 
     def keypoints(self, view: View) -> int:
         """That an encoder looks for through each camera: of the own agents, then all hands now."""
@@ -126,7 +138,28 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
             for action, qpos in episodes
             for agent in view.agents
         )
-    return ObservationSpec(bases, objects, min(keyframes, CHANGES), subgoals, names, models)
+    rests, shuts = _rests(robots, models), _shuts(store)
+    return ObservationSpec(bases, objects, min(keyframes, CHANGES), subgoals, names, models, rests, shuts)
+
+
+def _rests(robots: Sequence[Mapping[str, Any]], models: Sequence[str]) -> tuple[tuple[float, ...], ...]:
+    """Of every arm as an identity tells of it; nothing where each is that of its robot, or is not told."""
+    usual = [robot_named(name).rest_rad for name in models] or [DEFAULT.rest_rad] * len(robots)
+    told = [tuple(each.get("rest_rad", rest)) for each, rest in zip(robots, usual, strict=True)]
+    return () if told == usual else tuple(told)
+
+
+def _shuts(store: "Store") -> tuple[tuple[int, ...], ...]:
+    """Of each arm at how many changes of its gripper it is shut on nothing, in most demonstrations."""
+    found = [Counter[int]() for _ in range(store.agents)]
+    for action, qpos in zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True):
+        commands, apart = gripper_of(action), widths(qpos)
+        numbers = remembered(commands, apart)[..., : CHANGES + 1].argmax(axis=-1)  # (T, N)
+        empty = (np.roll(commands, 1, axis=0) <= 0) & (apart < EMPTY_M)
+        for agent, counted in enumerate(found):
+            counted.update({*numbers[1:, agent][empty[1:, agent]].tolist()})
+    most = [tuple(sorted(n for n, times in each.items() if 2 * times > len(store.seeds))) for each in found]
+    return tuple(most) if any(most) else ()
 
 
 def _robots(store: "Store") -> tuple[str, ...]:
