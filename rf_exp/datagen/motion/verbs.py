@@ -28,6 +28,9 @@ from rf_exp.types import CONTROL_HZ, GRIPPER_CLOSED, GRIPPER_OPEN, Segment
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 RETREAT_M = 0.08
 FAR_M = 0.3  # from the middle of a thing to where it can be met, at most
+PRESS_ON_M = 0.004  # deeper, where pressing was not enough
+STANDS_M = 0.003  # from a pose to a hand that stands there
+FINGER_M = 0.05  # by which a hand that is turned is beside it
 ARC_RAD = 0.05  # between postures of a sweep, at most
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
@@ -111,11 +114,25 @@ def press(request: Request, state: State) -> Motion:
     name = _required(request.subgoal.object)
     point, tiers = _met(request, state)
     touches = frozenset({name})
-    close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
     agent, what = request.agent, request.subgoal.text
+    if _presses(request.tcp(state), tiers):
+        return _press_on(request, state, touches)
+    close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
     points = request.reach.timed(agent, tiers, point.standoff_m, state, touches, what)
     pressing, state = request.segment("press", points, state, touches)
     return (close, pressing), state
+
+
+def _press_on(request: Request, state: State, touches: frozenset[str]) -> Motion:
+    """A little farther: where joints measure something else than they are, a finger that should press does not."""
+    agent = request.agent
+    goal = drawn_back(request.tcp(state), -PRESS_ON_M)
+    line = request.reach.line(agent, state.qpos[agent], goal)
+    if line is None:
+        raise Unreachable(Cause.REACH, Finding.OUT_OF_REACH, (agent,), subgoals=(request.subgoal.text,))
+    state = replace(state, gripper={**state.gripper, agent: GRIPPER_CLOSED})
+    pressing, state = request.segment("press", parameterise(line, request.reach.limits), state, touches)
+    return (pressing,), state
 
 
 def shut(request: Request, state: State) -> Motion:
@@ -205,6 +222,17 @@ def estimated_s(request: Request, state: State) -> float:
     point, tiers = _met(request, state)
     look_ahead = once_grasped(request, name, state)
     return request.reach.estimated_s(request.agent, tiers, point.standoff_m, state, look_ahead)
+
+
+def _presses(tcp: Matrix, tiers: Tiers) -> bool:
+    """Whether a hand stands where it presses, or farther on."""
+    for goal in np.concatenate([np.stack(tier) for tier in tiers]):
+        tcp_from_goal = inverse(goal) @ tcp
+        beside_m, on_m = np.linalg.norm(tcp_from_goal[:2, 3]), tcp_from_goal[2, 3]
+        turned = np.abs(tcp_from_goal[:3, :3] - np.eye(3)).max()
+        if beside_m < STANDS_M and on_m > -STANDS_M and turned < STANDS_M / FINGER_M:
+            return True
+    return False
 
 
 def _met(request: Request, state: State) -> tuple[InteractionPoint, Tiers]:

@@ -1,0 +1,69 @@
+"""The verb `press`: from above with closed fingers, and a little farther where that was not felt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.datagen import make_episode
+from rf_exp.datagen.motion.verbs import PRESS_ON_M
+from rf_exp.statements import Proposal
+from rf_exp.tasks import Task
+from rf_exp.transforms import inverse
+from rf_exp.types import GRIPPER_CLOSED, Scene, Subgoal, Trajectory
+from tests.conftest import cell_of, experiment, read_task
+from tests.datagen.test_motion import plan
+from tests.scenes import start_scene
+
+PRESS = Subgoal(4, "press", "camera", "shutter")
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    return read_task("take_photo")
+
+
+def pressing(task: Task, scene: Scene) -> Trajectory:
+    return plan(task, Proposal((PRESS,), ()), scene)[0][3]
+
+
+def at_end(scene: Scene, trajectory: Trajectory) -> Scene:
+    qpos = scene.qpos.copy()
+    qpos[3, :7] = trajectory.segments[-1].qpos[-1]
+    return replace(scene, qpos=qpos)
+
+
+def test_who_has_pressed_and_felt_nothing_presses_farther(task: Task) -> None:
+    scene = start_scene(task, 0)
+    first = pressing(task, scene)
+    assert [each.primitive for each in first.segments] == ["close", "press"]
+    for _ in range(2):
+        scene = at_end(scene, first)
+        again = pressing(task, scene)
+        (segment,) = again.segments
+        assert segment.primitive == "press" and (segment.gripper == GRIPPER_CLOSED).all()
+        assert segment.touches == {"camera"}
+        before, after = (task.arms[4].tcp(points) for points in (scene.qpos[3, :7], segment.qpos[-1]))
+        moved = inverse(before) @ after
+        np.testing.assert_allclose(moved[:3, 3], [0, 0, PRESS_ON_M], atol=1e-5)
+        np.testing.assert_allclose(moved[:3, :3], np.eye(3), atol=1e-5)
+        first = again
+
+
+def test_who_stands_elsewhere_begins_from_above(task: Task) -> None:
+    scene = start_scene(task, 0)
+    there = at_end(scene, pressing(task, scene))
+    beside = np.array([0.0, 0.01, 0.0, -0.01, 0.0, 0.0, 0.0])
+    qpos = there.qpos.copy()
+    qpos[3, :7] -= 3 * beside
+    segments = pressing(task, replace(there, qpos=qpos)).segments
+    assert [each.primitive for each in segments] == ["close", "press"]
+
+
+@pytest.mark.slow
+def test_joints_that_measure_something_else_press_all_the_same() -> None:
+    """In this scene they say that the finger is 4 mm in the camera, and it is above it."""
+    of = experiment("task=take_photo", "variation=encoders", "render=false", "stages=[generate]")
+    cell = cell_of(of)
+    made = make_episode(of.settings(cell.task, cell.constraint_set), of.pictures, 2, ())
+    assert made.success, made.reason
