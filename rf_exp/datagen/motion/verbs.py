@@ -124,7 +124,7 @@ def press(request: Request, state: State) -> Motion:
 
 
 def _press_on(request: Request, state: State, touches: frozenset[str]) -> Motion:
-    """A little farther: where joints measure something else than they are, a finger that should press does not."""
+    """A little farther: joints may measure something else than they are, and a finger does not press then."""
     agent = request.agent
     goal = drawn_back(request.tcp(state), -PRESS_ON_M)
     line = request.reach.line(agent, state.qpos[agent], goal)
