@@ -69,7 +69,7 @@ class Devices:
             return scene
         qpos = scene.qpos.copy()
         joints_of(qpos)[:] += self._offset
-        return replace(scene, qpos=qpos)
+        return replace(scene, qpos=qpos, joint_offset_rad=self._offset)
 
     def taken(self, picture: NDArray[np.uint8], camera: int, step: int) -> NDArray[np.uint8]:
         """A picture (H, W, 3) as the camera of this number delivers it at a control step, each time alike."""

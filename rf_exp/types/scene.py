@@ -1,7 +1,7 @@
 """What is measured at one control step, what the success criteria say of it, and all steps of an episode."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -39,6 +39,17 @@ class Scene:
     clutter: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     # piece of clutter -> world_from_object (4, 4)
     clutter_contacts: tuple[tuple[str, str, float], ...] = ()  # (agent<k> or object, piece, force N)
+    # (N, dof) by which joints are measured beside where they are. Who acts does not know it.
+    joint_offset_rad: NDArray[np.float64] | None = None
+
+    @property
+    def true(self) -> "Scene":
+        """The scene with the joints as they are: what judges see."""
+        if self.joint_offset_rad is None:
+            return self
+        qpos = self.qpos.copy()
+        joints_of(qpos)[:] -= self.joint_offset_rad
+        return replace(self, qpos=qpos, joint_offset_rad=None)
 
     @property
     def time_s(self) -> float:

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.sim import Simulator
-from rf_exp.tasks import NONE, Variation
+from rf_exp.tasks import NONE, SuccessEvaluator, Variation
+from rf_exp.types import Scene, joints_of
 from tests.conftest import read_task
 
 SEED = 5
@@ -72,6 +73,22 @@ def test_joints_that_measure_wrongly_go_where_they_believe_to_be_sent() -> None:
     assert 0.01 < np.abs(offset).max() < np.deg2rad(2)
     np.testing.assert_allclose(measured, exact + offset, atol=1e-9)
     np.testing.assert_allclose(measured[-1], commands[-1][:, :7], atol=0.05)
+
+
+def test_judges_see_joints_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    task = replace(CLEAN, variation=Variation("encoders", joint_offset_deg=2.0))
+    start, judged = task.start(SEED), list[Scene]()
+    with Simulator(task, render=False) as world:
+        scene = world.reset(SEED)
+        conditions = task.module.conditions
+        monkeypatch.setattr(
+            task.module, "conditions", lambda now, *of: judged.append(now) or conditions(now, *of)
+        )
+        SuccessEvaluator(world.task, scene)(scene)
+    offset = np.array(start.devices.joint_offset_rad)
+    np.testing.assert_allclose(joints_of(scene.qpos) - joints_of(judged[0].qpos), offset, atol=1e-12)
+    np.testing.assert_allclose(judged[0].qpos, start.qpos, atol=1e-6)
+    assert judged[0].true is judged[0]
 
 
 def test_arms_stand_where_they_were_drawn() -> None:
