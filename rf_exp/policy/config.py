@@ -318,8 +318,8 @@ class PolicyConfig(Checked):
 
 def _without(found: Mapping[str, Any], nothing: Mapping[str, Any]) -> dict[str, Any]:
     """Nested values but for those that say nothing."""
-    sections = {key: each for key, each in nothing.items() if isinstance(each, Mapping) and key in found}
-    return without({**found, **{key: _without(found[key], each) for key, each in sections.items()}}, **nothing)
+    inner = [key for key, each in nothing.items() if isinstance(each, Mapping) and key in found]
+    return without({**found, **{key: _without(found[key], nothing[key]) for key in inner}}, **nothing)
 
 
 def read_recipe(node: Mapping[str, Any], picture: Mapping[str, int]) -> PolicyConfig:

@@ -13,7 +13,7 @@ from rf_exp.policy.acting.diffusion_runner import SETTLE_STEPS
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of
 from rf_exp.robots import DEFAULT, add_robot, known
 from rf_exp.store import Store
-from tests.policy.conftest import ARCHS, REST, make_episode, scene_of, varied
+from tests.policy.conftest import ARCHS, REST, make_episode, scene_of, shown, varied
 from tests.policy.test_rollout import FASTEST_RAD, Table, judge
 from tests.robots.toy import toy
 
@@ -77,7 +77,7 @@ def test_every_episode_begins_so_and_none_without_the_key(make) -> None:
 
 
 def test_rest_is_that_of_the_task(make_store, tmp_path: Path, policy_config: PolicyConfig) -> None:
-    """Which the store of its demonstrations tells, and that of the robot where it is the same, or is not told."""
+    """Which the store of its demonstrations tells; that of the robot where it is the same, or not told."""
     config, view = varied(policy_config, CHANGES), views(ARCHS[0], 2)[0]
     assert spec_of(config, make_store(2, 3), view).rests == ()
     usual, other = DEFAULT.rest_rad, tuple(REST.tolist())
@@ -113,3 +113,58 @@ def test_policies_that_do_not_home_say_nothing_of_it(policy_config: PolicyConfig
     homes = varied(policy_config, {"context": True, "acting.homing": True})
     assert homes.acted["acting"]["homing"] is True
     assert homes.learned == varied(policy_config, {"context": True}).learned
+
+
+def gripped(runner: DiffusionRunner, apart_m: float) -> dict[int, np.ndarray]:
+    """What a runner that has things to do predicts once agent 1 has closed its fingers, so far apart."""
+    world = Elsewhere(2)
+    scene = world.reset(0)
+    world.qpos[0, 7:] = apart_m / 2
+    runner.reset(0)
+    runner._episode.homing[:] = False
+    runner._episode.grippers.told({1: -1.0}, np.full(2, 0.08))
+    runner.state.targets.start(scene.qpos[[agent - 1 for agent in runner.view.agents]])
+    runner.state.targets.put(np.zeros((5, len(runner.view.agents), 8)))
+    runner(shown(runner, world.scene(), world.images()))
+    return dict(runner.state.predicted)
+
+
+def test_who_has_grasped_nothing_goes_to_rest_and_looks_again(make) -> None:
+    (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
+    chunk = gripped(runner, 0.001)[1]
+    assert np.allclose(chunk, np.append(REST, 1.0))
+    assert not runner._episode.homing.any()
+    assert gripped(runner, 0.02) == {}  # it holds something, and has things to do
+
+
+def test_beside_who_has_grasped_nothing_others_wait_as_they_are(make) -> None:
+    (runner,) = make(ARCHS[0])
+    found = gripped(runner, 0.001)
+    assert np.allclose(found[1], np.append(REST, 1.0))
+    assert np.allclose(found[2], np.append(REST + AWAY_RAD[1], 1.0))
+    assert len(found[1]) == len(found[2])
+
+
+def test_fingers_that_are_meant_to_be_shut_have_missed_nothing(make, spec: ObservationSpec) -> None:
+    (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
+    runner.spec = replace(spec, shuts=((1,), ()))
+    assert gripped(runner, 0.001) == {}
+    runner.spec = replace(spec, shuts=((2,), (1,)))
+    assert gripped(runner, 0.001) != {}
+
+
+@pytest.mark.parametrize(("width_m", "expected"), [(0.001, ((1,), ())), (0.02, ())])
+def test_demonstrations_say_when_fingers_are_meant_to_be_shut(
+    tmp_path: Path, policy_config: PolicyConfig, width_m: float, expected
+) -> None:
+    """In most of them: one that misses at first says nothing."""
+    path, view = tmp_path / "pressed.zarr", views(ARCHS[0], 2)[0]
+    with Store.create(path, {"task": "reach", "scene": scene_of(2)}, 2, (), 0, 0) as store:
+        for seed in range(3):
+            episode = replace(make_episode(seed, 2), images={}, poses={})
+            shut = episode.action[:, 0, 7] < 0
+            episode.qpos[shut, 0, 7:] = width_m / 2
+            if seed == 0:
+                episode.qpos[shut, 1, 7:] = 0.0
+            store.append(episode)
+        assert spec_of(varied(policy_config, CHANGES), store, view).shuts == expected

@@ -288,11 +288,9 @@ class DiffusionRunner(PolicyRunner):
 
         From where they are the hand hides what they have missed, and what was seen wrong is seen so again.
         """
-        grippers = self._episode.grippers
-        shut = ~grippers.opened & (self._episode.widths < EMPTY_M)
-        meant = [agent for agent, numbers in enumerate(self.spec.shuts) if grippers.changes[agent] in numbers]
-        shut[meant] = False
-        return shut[self._rows]
+        grippers, shuts = self._episode.grippers, self.spec.shuts
+        meant = [bool(shuts) and grippers.changes[row] in shuts[row] for row in self._rows]
+        return (~grippers.opened & (self._episode.widths < EMPTY_M))[self._rows] & ~np.array(meant)
 
     def _home(self) -> NDArray[np.float64]:
         """Targets (T, agents of the view, 8) for as long as the way takes: at rest with open fingers.
