@@ -26,7 +26,7 @@ VARIATIONS = CONF / "variation"
 KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
 FACTOR = "`variation=`", "what varies", "how far", "stream"
 Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, training seed, scene
-LOOKS = "task", "scenes", "`one_look`", "`robust`", "won, lost", "p", "core-minutes, once", "twice"
+MINUTES = "core-minutes"
 
 
 def choices() -> list[str]:
@@ -69,8 +69,8 @@ def measured(results: Results) -> str:
     return table(heading, lines)
 
 
-def looks(results: Results) -> str:
-    """Policies that look twice beside those that look once, in the same scenes; empty where none are both."""
+def beside(results: Results, one: str, other: str, minutes: bool) -> str:
+    """A recipe beside another in the same scenes, with what each costs to learn; empty where none are of both."""
     cells: dict[tuple[str, str, str], dict[Trial, EvaluationRow]] = {}
     for row in results.evaluation:
         if is_baseline(row) and not row.shield:
@@ -78,18 +78,20 @@ def looks(results: Results) -> str:
             cells.setdefault((row.task, row.variation, row.recipe), {})[trial] = row
     suite, lines = configured(), []
     for task, scenes in product(suite, ("none", "posture", "full")):
-        once, twice = (cells.get((task, scenes, f"{recipe}+full"), {}) for recipe in ("one_look", "robust"))
-        pairs = [(once[trial], twice[trial]) for trial in sorted(once.keys() & twice.keys())]
+        first, then = (cells.get((task, scenes, f"{recipe}+full"), {}) for recipe in (one, other))
+        pairs = [(first[trial], then[trial]) for trial in sorted(first.keys() & then.keys())]
         if not pairs:
             continue
-        success = [(one.success, two.success) for one, two in pairs]
+        success = [(a.success, b.success) for a, b in pairs]
         before, after = map(sum, zip(*success, strict=True))
-        differ = [two for one, two in success if one != two]
-        p, minutes = paired(success).p, [f"{row.core_s / 60:.0f}" for row in pairs[0]]
+        differ = [b for a, b in success if a != b]
+        p, cost = paired(success).p, [f"{row.core_s / 60:.0f}" for row in pairs[0]]
         shares = [str(before), f"**{after}**", f"{sum(differ)}, {len(differ) - sum(differ)}"]
-        shares += ["<0.001" if p < 0.001 else f"{p:.2g}", *minutes]
+        shares += ["<0.001" if p < 0.001 else f"{p:.2g}", *(cost if minutes else ())]
         lines.append([title_of(task, suite), f"`{scenes}`", *shares])
-    return table(LOOKS, lines) if lines else ""
+    names = f"`{one}`", f"`{other}`"
+    costs = [f"{MINUTES}, {name}" for name in names] if minutes else []
+    return table(["task", "scenes", *names, "won, lost", "p", *costs], lines) if lines else ""
 
 
 def _words(comment: str) -> str:
@@ -108,7 +110,8 @@ def document(results: Results) -> str:
         factors=table(FACTOR, [factor(name) for name in choices()]),
         keys=table(("key", "what it is"), keys()),
         measured=measured(results),
-        looks=looks(results),
+        looks=beside(results, "one_look", "without_homing", minutes=True),
+        homing=beside(results, "without_homing", "robust", minutes=False),
     )
 
 

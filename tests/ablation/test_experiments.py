@@ -79,6 +79,11 @@ def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
 
 def test_each_ablation_of_robust_is_without_one_of_its_steps() -> None:
     robust, one_look = experiment("recipe=robust", "policy=robust"), experiment("policy=ablation/one_look")
+    stays = experiment("recipe=without_homing", "policy=ablation/without_homing")
+    acting = replace(robust.policy.acting, homing=False)
+    assert robust.policy.acting != acting and stays.policy == replace(robust.policy, acting=acting)
+    assert (stays.name, stays.learned_as, stays.pictures) == ("robust", "robust", robust.pictures)
+    assert one_look.policy.acting == acting
     fixed, fast = experiment("policy=ablation/fixed_starts"), experiment("policy=fast")
     assert one_look.policy != fixed.policy == replace(one_look.policy, start_offset_rad=0.0)
     assert (one_look.training, one_look.name) == (fixed.training, fixed.name)
