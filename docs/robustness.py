@@ -70,7 +70,7 @@ def measured(results: Results) -> str:
 
 
 def beside(results: Results, one: str, other: str, minutes: bool) -> str:
-    """A recipe beside another in the same scenes, with what each costs to learn; empty where none are of both."""
+    """A recipe beside another in the same scenes; empty where none were measured with both."""
     cells: dict[tuple[str, str, str], dict[Trial, EvaluationRow]] = {}
     for row in results.evaluation:
         if is_baseline(row) and not row.shield:

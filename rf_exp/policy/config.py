@@ -219,14 +219,14 @@ def import_code(policy: object) -> None:
 class ActingConfig(Checked):
     """What a policy does with the chunks that its head samples."""
 
+    # An arm goes to the posture of rest of its task, in a straight line of its joints, before its first look
+    # and when its fingers have shut on nothing.
+    homing: bool
     action_steps: int = bounded(512, above=0)  # executed before the next prediction
     deadband_rad: float = bounded(math.pi, least=0)  # a chunk whose joints all stay so near moves nothing
     # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
     # 0: it waits until one look says more than a half.
     transition_integrator: float = bounded(1e6, least=0)
-    # An arm goes to the posture of rest of its task, in a straight line of its joints, before its first look
-    # and when its fingers have shut on nothing.
-    homing: bool
 
 
 @dataclass(frozen=True)

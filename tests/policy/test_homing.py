@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.policy import DiffusionRunner, Policy, PolicyConfig, rollout, views
 from rf_exp.policy.acting.diffusion_runner import SETTLE_STEPS
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of
+from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.robots import DEFAULT, add_robot, known
 from rf_exp.store import Store
 from tests.policy.conftest import ARCHS, REST, make_episode, scene_of, shown, varied
@@ -43,7 +45,9 @@ def make(policy_config: PolicyConfig, spec: ObservationSpec):
             torch.manual_seed(0)
             policy = Policy(config, view, spec)
             policy.normaliser.fastest.fill_(FASTEST_RAD)
-            policy.head.unet.quick = lambda *_: None  # as in test_rollout.py
+            assert isinstance(policy.head, DiffusionHead)
+            # As in test_rollout.py.
+            policy.head.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
             found.append(DiffusionRunner(policy, view, spec))
         return found
 
@@ -82,10 +86,9 @@ def test_rest_is_that_of_the_task(make_store, tmp_path: Path, policy_config: Pol
     assert spec_of(config, make_store(2, 3), view).rests == ()
     usual, other = DEFAULT.rest_rad, tuple(REST.tolist())
     for rests, expected in (((usual, usual), ()), ((usual, other), (usual, other))):
-        scene = scene_of(2)
-        scene["robots"] = [
-            {**each, "rest_rad": list(rest)} for each, rest in zip(scene["robots"], rests, strict=True)
-        ]
+        scene: dict[str, Any] = scene_of(2)
+        for robot, rest in zip(scene["robots"], rests, strict=True):
+            robot["rest_rad"] = list(rest)
         path = tmp_path / f"{len(expected)}.zarr"
         with Store.create(path, {"task": "reach", "scene": scene}, 2, (), 0, 0) as store:
             store.append(replace(make_episode(0, 2), images={}, poses={}))
