@@ -199,6 +199,21 @@ def test_violations_are_counted_in_steps(make_runner) -> None:
     assert result.violations == 3 and [each.time_s for each in result.account.violations] == [0.1]
 
 
+def test_a_monitor_sees_joints_as_they_are(make_runner) -> None:
+    offset, seen = np.full((1, 7), 0.01), list[Scene]()
+
+    class Off(Table):
+        def scene(self) -> Scene:
+            scene = super().scene()
+            qpos = scene.qpos + np.append(offset, [[0.0, 0.0]], axis=1)
+            return replace(scene, qpos=qpos, joint_offset_rad=offset)
+
+    world, runners = Off(1), [make_runner(view) for view in views(ARCHS[3], 1)]
+    rollout(world, judge, runners, 0, 3, monitor=lambda scene: seen.append(scene))
+    commanded = [action[:, :7] for action in world.actions]
+    np.testing.assert_allclose([scene.qpos[:, :7] for scene in seen], commanded, atol=1e-12)
+
+
 @pytest.mark.parametrize(("force_n", "steps"), [(19.0, 9), (21.0, 4)])
 def test_arms_that_press_on_one_another_stop_by_themselves(make_runner, force_n: float, steps: int) -> None:
     class Pressing(Table):

@@ -17,10 +17,10 @@ from tests.conftest import read_task
 def test_what_an_arm_stands_in_is_named() -> None:
     task = read_task("lift_barrier")
     scene = task.start(0).scene
-    assert stands_in(task, scene.qpos, scene.poses) is None
+    assert stands_in(task, scene.qpos, scene.poses) == {}
     x_m, y_m, z_m = task.arms[1].tcp(scene.qpos[0])[:3, 3].tolist()
-    assert stands_in(task, scene.qpos, {"barrier": planar(x_m, y_m, 0.0, z_m)}) == "barrier"
-    assert stands_in(task, scene.qpos, {"barrier": planar(x_m, y_m, 0.0, z_m + 0.5)}) is None
+    assert stands_in(task, scene.qpos, {"barrier": planar(x_m, y_m, 0.0, z_m)}) == {0: "barrier"}
+    assert stands_in(task, scene.qpos, {"barrier": planar(x_m, y_m, 0.0, z_m + 0.5)}) == {}
 
 
 @pytest.mark.slow
@@ -56,3 +56,15 @@ def test_postures_in_which_arms_would_meet_are_taken_back() -> None:
         by_rad = start.qpos[:, : task.dof] - [robot.rest_rad for robot in task.robots]
         taken_back += bool(np.abs(by_rad - drawn_rad).max() > 0.08)  # four deviations of every start
     assert taken_back >= 4
+
+
+def test_who_stands_in_a_thing_at_rest_as_well_is_drawn_in() -> None:
+    """A higher table brings the camera to the arm that waits over it."""
+    task = replace(read_task("take_photo"), variation=read_variation("full"))
+    for seed in (16, 19, 53):
+        stands = task.of(seed)
+        start = stands.start(seed)
+        assert stands_in(stands, start.qpos, start.poses) == {}
+        at_rest = start.qpos.copy()
+        at_rest[3, :7] = task.robots[3].rest_rad
+        assert stands_in(stands, at_rest, start.poses) == {3: "camera"}

@@ -25,6 +25,7 @@ GAP_M = 0.005  # between objects at the start
 CLEAR_M = 0.01  # between an arm and what it does not hold
 APART_M = 0.03  # between corners of two arms: checks ask for a third of that, and edges may be nearer
 _DRAWS = 1000
+_DRAWN_IN = (0.1, 0.2, 0.4, 0.8)  # parts of the way from rest to the retracted posture
 
 
 @dataclass(frozen=True)
@@ -101,26 +102,43 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
 def _postured(
     task: "Task", qpos: NDArray[np.float64], by_rad: NDArray[np.float64], poses: Mapping[str, Matrix]
 ) -> NDArray[np.float64]:
-    """Arms at qpos (N, D), moved by so much (N, dof); by less where one would stand in a thing or an arm."""
+    """Arms at qpos (N, D), moved by so much (N, dof); by less where one would stand in a thing or an arm.
+
+    Who stands in a thing at rest as well, where bases or the table have moved, is drawn in a little.
+    """
     for part in (1.0, 0.5, 0.25, 0.0):
         found = qpos.copy()
         for row, robot, off in zip(found, task.robots, by_rad, strict=True):
             arm = row[: robot.model.dof]
             arm[:] = (arm + part * off[: robot.model.dof]).clip(*robot.model.planned_rad)
-        if not by_rad.any() or (stands_in(task, found, poses) is None and not arms_meet(task, found)):
+        if not by_rad.any():
+            return found
+        if not (within := stands_in(task, found, poses)) and not arms_meet(task, found):
+            return found
+    for part in _DRAWN_IN:
+        for k in within:
+            robot = task.robots[k]
+            arm, dof = found[k], robot.model.dof
+            arm[:dof] = qpos[k, :dof] + part * (np.array(robot.model.aside_rad) - qpos[k, :dof])
+        if not (within := stands_in(task, found, poses)):
             break
     return found
 
 
-def stands_in(task: "Task", qpos: NDArray[np.float64], poses: Mapping[str, Matrix]) -> str | None:
-    """Which object, of those at `poses`, an arm at qpos (N, D) is nearer to than CLEAR_M; None: to none."""
+def stands_in(task: "Task", qpos: NDArray[np.float64], poses: Mapping[str, Matrix]) -> dict[int, str]:
+    """Row of each arm at qpos (N, D) that is nearer than CLEAR_M to an object, of those at `poses` -> which."""
     pieces = [(name, pose, hull) for name, pose in poses.items() for hull in task.asset(name).hulls]
-    for links in _links(task, qpos):
-        for link, link_hull in links:
-            for name, pose, hull in pieces:
-                if _near(link_hull, hull, inverse(link) @ pose, CLEAR_M):
-                    return name
-    return None
+    found: dict[int, str] = {}
+    for row, links in enumerate(_links(task, qpos)):
+        near = (
+            name
+            for link, link_hull in links
+            for name, pose, hull in pieces
+            if _near(link_hull, hull, inverse(link) @ pose, CLEAR_M)
+        )
+        if (name := next(near, None)) is not None:
+            found[row] = name
+    return found
 
 
 def arms_meet(task: "Task", qpos: NDArray[np.float64]) -> bool:
