@@ -304,7 +304,8 @@ class PolicyConfig(Checked):
 
     def acting_as(self, other: "PolicyConfig") -> "PolicyConfig":
         """The same policy, which acts as another one says of the same parts."""
-        return PolicyConfig.read(self.identity, other.acted)
+        unsaid = {"acting": LATER["acting"]}  # by who acts as ever
+        return PolicyConfig.read(self.identity, unsaid, other.acted)
 
     @property
     def observation(self) -> str:

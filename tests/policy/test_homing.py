@@ -115,7 +115,9 @@ def test_policies_that_do_not_home_say_nothing_of_it(policy_config: PolicyConfig
     assert "acting" not in policy_config.learned
     homes = varied(policy_config, {"context": True, "acting.homing": True})
     assert homes.acted["acting"]["homing"] is True
-    assert homes.learned == varied(policy_config, {"context": True}).learned
+    stays = varied(policy_config, {"context": True})
+    assert homes.learned == stays.learned
+    assert homes.acting_as(stays) == stays and stays.acting_as(homes) == homes
 
 
 def gripped(runner: DiffusionRunner, apart_m: float) -> dict[int, np.ndarray]:

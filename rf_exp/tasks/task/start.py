@@ -126,7 +126,7 @@ def _postured(
 
 
 def stands_in(task: "Task", qpos: NDArray[np.float64], poses: Mapping[str, Matrix]) -> dict[int, str]:
-    """Row of each arm at qpos (N, D) that is nearer than CLEAR_M to an object, of those at `poses` -> which."""
+    """Row of each arm at qpos (N, D) that is nearer than CLEAR_M to a thing of `poses` -> which."""
     pieces = [(name, pose, hull) for name, pose in poses.items() for hull in task.asset(name).hulls]
     found: dict[int, str] = {}
     for row, links in enumerate(_links(task, qpos)):
