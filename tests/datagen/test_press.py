@@ -1,15 +1,18 @@
 """The verb `press`: from above with closed fingers, and a little farther where that was not felt."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rf_exp.constraints.checks.interaction import POSITION_M, ContactAtCheck
 from rf_exp.datagen import make_episode
 from rf_exp.datagen.motion.verbs import PRESS_ON_M
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
-from rf_exp.transforms import inverse
+from rf_exp.transforms import inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, Scene, Subgoal, Trajectory
 from tests.conftest import cell_of, experiment, read_task
 from tests.datagen.test_motion import plan
@@ -67,3 +70,20 @@ def test_joints_that_measure_something_else_press_all_the_same() -> None:
     cell = cell_of(of)
     made = make_episode(of.settings(cell.task, cell.constraint_set), of.pictures, 2, ())
     assert made.success, made.reason
+
+
+def test_farther_on_is_not_beside_the_point(task: Task) -> None:
+    """Up to 2 cm; across the direction in which it is pressed a centimetre is."""
+    check = ContactAtCheck(4, "camera", "shutter")
+    scene = start_scene(task, 0)
+    pressed = scene.poses["camera"] @ task.points["camera"]["shutter"]
+    plan: Any = SimpleNamespace(task=task)
+    for moved_m, beside_m in (
+        ((0, 0, 0), 0),
+        ((0, 0, 0.012), 0),
+        ((0, 0, 0.025), 0.005),
+        ((0, 0, -0.012), 0.012),
+        ((0.011, 0, 0.012), 0.011),
+    ):
+        found = check._beside(plan, pressed @ transform(moved_m), scene.poses["camera"], 0.0)
+        assert found.value == pytest.approx(beside_m, abs=1e-9) and found.ok == (beside_m <= POSITION_M)
