@@ -147,6 +147,8 @@ class Monitor:
 class PolicyMonitor:
     """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping.
 
+    It judges by the joints as they are, however they are measured.
+
     What a policy is about is unknown, so a gripper, or what it holds, may meet what another one holds.
     """
 
@@ -156,7 +158,7 @@ class PolicyMonitor:
         self._may_touch: Touches = lambda agent: things
 
     def __call__(self, scene: Scene) -> Violation | None:
-        found = touching(self._separation, scene, self._pairs, self._may_touch)
+        found = touching(self._separation, scene.true, self._pairs, self._may_touch)
         if found is None:
             return None
         return violation(AvoidAgentsCheck(found.agents), found)

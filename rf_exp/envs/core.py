@@ -141,14 +141,14 @@ class Episode:
     ) -> None:
         self.seed, self._drawn = seed, drawn
         self._judge, self._monitor, self._step_limit = SuccessEvaluator(task, start), monitor, task.step_limit
-        self.scene, self._verdict, self._violation = start, self._judge(start), monitor(start.true)
+        self.scene, self._verdict, self._violation = start, self._judge(start), monitor(start)
         self._success_paper = self._verdict.success_paper
         self._violations = int(self._violation is not None)
         self._ledger = Ledger()
 
     def see(self, scene: Scene) -> None:
         """The next control step has been made."""
-        self.scene, self._verdict, self._violation = scene, self._judge(scene), self._monitor(scene.true)
+        self.scene, self._verdict, self._violation = scene, self._judge(scene), self._monitor(scene)
         self._ledger.see(scene, self._verdict)
         self._success_paper |= self._verdict.success_paper
         self._violations += self._violation is not None

@@ -21,7 +21,7 @@ from rf_exp.types import Scene, Segment
 POSITION_M = 0.01  # of the TCP from the interaction point, planned
 POSITION_MEASURED_M = 0.03  # fingers shift what they close on
 # Who presses goes on until it is felt, which is farther on where joints measure something else than they are:
-# between these it is not beside the point.
+# between these it is not beside the point. What is less than the former is inverse kinematics, not intent.
 FARTHER_M = (0.001, 0.02)
 CONTACT = ("approach", "press")  # primitives that end in contact
 

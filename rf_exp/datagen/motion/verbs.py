@@ -111,13 +111,12 @@ def release(request: Request, state: State) -> Motion:
 
 
 def press(request: Request, state: State) -> Motion:
-    name = _required(request.subgoal.object)
     point, tiers = _met(request, state)
-    touches = frozenset({name})
-    agent, what = request.agent, request.subgoal.text
+    touches = frozenset({_required(request.subgoal.object)})
     if _presses(request.tcp(state), tiers):
         return _press_on(request, state, touches)
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
+    agent, what = request.agent, request.subgoal.text
     points = request.reach.timed(agent, tiers, point.standoff_m, state, touches, what)
     pressing, state = request.segment("press", points, state, touches)
     return (close, pressing), state

@@ -194,8 +194,7 @@ def rollout(
 
     Strict success asks that no two arms have touched until then. It is over as well when two arms press so
     hard on one another that they stop by themselves.
-    `judge` and `monitor` see the scene after every step, its joints as they are and not as they are measured;
-    `on_step` is told of all that happened in it.
+    `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
     `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
     `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout
     alone, sees before every step the scene and agent -> (T, 8) the commands that the runners are about to
@@ -231,7 +230,7 @@ def rollout(
             action[np.array(runner.view.agents) - 1] = runner.act(decision)
         scene = world.step(narrow(action.copy(), joints))
         states, verdict = [runner.state for runner in runners], judge(scene)
-        violation = None if monitor is None else monitor(scene.true)
+        violation = None if monitor is None else monitor(scene)
         withheld = None if decision is None else decision.withheld
         steps += 1
         ledger.see(scene, verdict)
