@@ -197,11 +197,11 @@ def _pauses(trajectories: Sequence[Trajectory], longest: int, rng: Generator) ->
 
 
 def _in_every_way(violation: Violation, proposal: Proposal) -> bool:
-    """Where arms stand, and that things leave a hand no room which no other agent moves."""
-    if violation.finding is not Finding.NO_ROOM:
+    """Where arms stand, and what is in the way of one without another arm or a thing that another moves."""
+    if violation.finding not in (Finding.NO_ROOM, Finding.BLOCKED):
         return violation.finding is Finding.CLOSE_AT_FIRST
     movers = {each.agent for each in proposal.subgoals if each.object in violation.obstacles}
-    return movers <= {*violation.agents}
+    return {*violation.agents[1:], *movers} <= {*violation.agents[:1]}
 
 
 def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:

@@ -197,11 +197,8 @@ def test_a_reason_that_no_other_agent_can_help_is_the_answer_at_once():
     assert raised.value is empty
 
 
-def hemmed_in(moved_by: int) -> tuple[Violation | Planned | None, int]:
-    """What becomes of the grasp of a cube between three others, and how many ways were tried.
-
-    One of them is fetched by an agent later.
-    """
+def asked(moved_by: int, motion: Mock) -> Violation | Planned | None:
+    """What becomes of the grasp of a cube between three others, of which an agent fetches one later."""
     task = named_task("ring_2x4")
     assert task is not None
     scene = start_scene(task, 0)
@@ -210,16 +207,31 @@ def hemmed_in(moved_by: int) -> tuple[Violation | Planned | None, int]:
     subgoals = Subgoal(1, "grasp", "cube1_1", "center"), Subgoal(moved_by, "grasp", "cube1_2", "center")
     answer = Says(to_json(Proposal(subgoals, ())))
     planner = Planner(Settings.configured(task, FULL, ScriptedSpec()), answer)
-    crowded, ways = replace(scene, poses={**scene.poses, **around}), Mock(side_effect=plan_motion)
-    with patch.object(planning, "plan_motion", ways):
-        found = planner.plan(Question(task, crowded, {}), crowded, np.random.default_rng(0))
-    return found, ways.call_count
+    crowded = replace(scene, poses={**scene.poses, **around})
+    with patch.object(planning, "plan_motion", motion):
+        return planner.plan(Question(task, crowded, {}), crowded, np.random.default_rng(0))
 
 
 @pytest.mark.slow
 def test_where_things_leave_the_hand_no_room_only_who_moves_them_is_a_reason_to_try_another_way():
-    found, tried = hemmed_in(moved_by=1)
-    assert isinstance(found, Violation) and found.finding is Finding.NO_ROOM and tried == 1
+    motion = Mock(side_effect=plan_motion)
+    found = asked(1, motion)
+    assert isinstance(found, Violation) and found.finding is Finding.NO_ROOM and motion.call_count == 1
     assert "cube1_2 is in the way" in found.sentence and "cm of cube1_2" in found.sentence
-    found, tried = hemmed_in(moved_by=2)
-    assert isinstance(found, Violation) and tried > 1
+    found = asked(2, motion)
+    assert isinstance(found, Violation) and motion.call_count > 2
+
+
+@pytest.mark.parametrize(
+    "moved_by, in_the_way, once",
+    [(1, (), True), (1, ("Agent_2",), False), (2, (), False), (2, ("Agent_2",), False)],
+)
+def test_what_is_in_the_way_of_an_arm_is_so_in_every_way_unless_others_move(moved_by, in_the_way, once):
+    obstacles, agents = ("cube1_2", "the arm itself", *in_the_way), (1, 2) if in_the_way else (1,)
+    blocked = Unreachable(
+        Cause.SPACE, Finding.BLOCKED, agents, subgoals=("grasp cube1_1",), obstacles=obstacles
+    )
+    motion = Mock(side_effect=blocked)
+    found = asked(moved_by, motion)
+    assert isinstance(found, Violation) and found.finding is Finding.BLOCKED
+    assert (motion.call_count == 1) is once and (found.tried == ()) is once
