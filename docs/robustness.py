@@ -1,6 +1,7 @@
 """Writes docs/robustness.md from conf/variation and the rows in results/: python docs/robustness.py"""
 
 import re
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
@@ -27,6 +28,8 @@ KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
 FACTOR = "`variation=`", "what varies", "how far", "stream"
 Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, training seed, scene
 MINUTES = "core-minutes"
+DEMOS = 150
+SUITE = ("fast", "robust+full")  # what a reader compares first: learned from usual scenes, from varied ones
 
 
 def choices() -> list[str]:
@@ -69,6 +72,32 @@ def measured(results: Results) -> str:
     return table(heading, lines)
 
 
+def summary(results: Results) -> str:
+    """Strict success in per cent of the suite's two recipes: a line a variation, a column a policy.
+
+    Empty where nothing was measured.
+    """
+    rates: dict[tuple[str, str], dict[str, list[bool]]] = {}
+    for row in results.evaluation:
+        if is_baseline(row) and not row.shield and row.demos == DEMOS and row.recipe in SUITE:
+            of_policy = rates.setdefault((row.task, row.recipe), {})
+            of_policy.setdefault(row.variation, []).append(row.success)
+    suite = configured()
+    tasks = [task for task in suite if any(len(rates.get((task, recipe), ())) > 1 for recipe in SUITE)]
+    policies = [policy for policy in product(tasks, SUITE) if policy in rates]
+    lines = [
+        [f"`{name}`", *(_percent(rates[policy].get(name, ())) for policy in policies)]
+        for name in choices()
+        if any(name in rates[policy] for policy in policies)
+    ]
+    heading = [f"{title_of(task, suite)}, `{recipe.partition('+')[0]}`" for task, recipe in policies]
+    return table(["scenes", *heading], lines) if lines else ""
+
+
+def _percent(successes: Sequence[bool]) -> str:
+    return f"{100 * sum(successes) / len(successes):.0f}" if successes else ""
+
+
 def beside(results: Results, one: str, other: str, minutes: bool) -> str:
     """A recipe beside another in the same scenes; empty where none were measured with both."""
     cells: dict[tuple[str, str, str], dict[Trial, EvaluationRow]] = {}
@@ -109,6 +138,7 @@ def document(results: Results) -> str:
         HERE / "robustness.jinja",
         factors=table(FACTOR, [factor(name) for name in choices()]),
         keys=table(("key", "what it is"), keys()),
+        summary=summary(results),
         measured=measured(results),
         looks=beside(results, "one_look", "without_homing", minutes=True),
         homing=beside(results, "without_homing", "robust", minutes=False),
