@@ -96,7 +96,7 @@ class Reach:
         *,
         clear: bool = False,
     ) -> Points:
-        """The same after so high a rise; `clear` by a straight path that keeps the clearance, or not at all."""
+        """The same after so high a rise; `clear`: by a straight path that keeps the clearance alone."""
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
         no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone no room
@@ -112,6 +112,8 @@ class Reach:
             path = (self._clear_path if clear else self._path)(agent, up[-1], line[0], state)
             if path is None:
                 no_path = True
+                if clear:  # a later line swings wider than a higher rise does
+                    break
                 continue
             corners = densify(np.concatenate([up, path, line]))
             for radius_rad in BLEND_RAD:
