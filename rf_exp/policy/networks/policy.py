@@ -193,7 +193,7 @@ class Policy(nn.Module):
         return self.encoder.see(scaled(pictures[:, top : top + height, left : left + width]), rays)
 
     def condition(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
-        """What the head is told (B, C), of features (B, O, F), proprioception (B, O, P), context (B, O, C)."""
+        """What the head is told (B, C): of raw features (B, O, F), joints (B, O, P) and context (B, O, C)."""
         frames = self._frames(features, proprio, context)
         if self._hidden:
             first, last = self.encoder.features - self._hidden, self.encoder.features
