@@ -64,7 +64,6 @@ class Experiment:
     limits: JointLimits
     disturbance_rad: float
     delay_s: float
-    clearance_m: float
     recordings: int | tuple[int, ...]
     films: int
     policy: PolicyConfig
@@ -216,9 +215,8 @@ class Experiment:
         """What decides the episodes of a task under a row of constraints."""
         from rf_exp.datagen import Settings
 
-        how = self.limits, self.attempts, self.occupancy
-        asked = self.disturbance_rad, self.delay_s, self.clearance_m
-        return Settings(task, constraint_set, self.brain, *how, *asked)
+        how = self.limits, self.attempts, self.occupancy, self.disturbance_rad, self.delay_s
+        return Settings(task, constraint_set, self.brain, *how)
 
 
 def check_file_name(key: str, value: str) -> None:

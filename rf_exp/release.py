@@ -56,7 +56,6 @@ class Released:
     picture: Picture
     policy: Mapping[str, Any]
     training: Mapping[str, Any]
-    clearance_m: float = 0.0
 
     def __post_init__(self) -> None:
         expected = [f"override /{group}" for group in GROUPS]
@@ -70,8 +69,7 @@ class Released:
                 )
         if not self.stages or not set(STAGES).issuperset(self.stages):
             raise ArgumentError(f"stages are {list(self.stages)}; possible are {', '.join(STAGES)}")
-        most = {"demos": 10**6, "train_seed": 2**32 - 1}
-        most |= {"disturbance_rad": 1.0, "delay_s": 60.0, "clearance_m": 0.1}
+        most = {"demos": 10**6, "train_seed": 2**32 - 1, "disturbance_rad": 1.0, "delay_s": 60.0}
         for key, high in most.items():
             value, low = getattr(self, key), int(key == "demos")
             if isinstance(value, bool) or not low <= value <= high:
@@ -82,7 +80,7 @@ class Released:
         """What it says, as arguments; how a training runs, which changes nothing, it does not say."""
         policy = PolicyConfig.read(self.policy, asdict(self.picture)).identity
         training = TrainConfig.read(self.training)
-        said = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s", "clearance_m"
+        said = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s"
         named = {key: getattr(self, key) for key in said}
         named |= {f"picture.{side}": policy.pop(side) for side in ("width", "height")}
         named |= leaves(policy, "policy")

@@ -21,7 +21,6 @@ from omegaconf import OmegaConf
 
 from rf_exp.artifacts import plain, whole
 from rf_exp.command import guarded
-from rf_exp.datagen import UNDISTURBED
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import MODEL, PolicyConfig, provenance, write_small
 from rf_exp.progress import console
@@ -96,7 +95,7 @@ def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str,
         "recipe": recipe,
         "demos": int(demos),
         "train_seed": int(seed),
-        **{key: made["data"]["identity"].get(key, 0.0) for key in UNDISTURBED},
+        **{key: made["data"]["identity"].get(key, 0.0) for key in ("disturbance_rad", "delay_s")},
         "picture": {side: policy.pop(side) for side in ("width", "height")},
         "policy": policy,
         "training": training,

@@ -190,7 +190,7 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
         ),
         (
             ["policy=bare"],
-            "the configuration lacks picture, clearance_m, delay_s and more; a recipe begins with",
+            "the configuration lacks picture, delay_s, disturbance_rad and more; a recipe begins with",
         ),
         (["picture=3"], "picture is 3; expected keys below it: width, height"),
         (

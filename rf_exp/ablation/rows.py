@@ -68,8 +68,7 @@ class GenerationRow(_Row):
     """One scene seed for which a demonstration was tried."""
 
     key: ClassVar = (
-        *("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s", "clearance_m"),
-        "variation",
+        *("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s", "variation"),
     )
     task: str
     constraints: str
@@ -92,7 +91,6 @@ class GenerationRow(_Row):
     variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes, by its name
     drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
     dialogue: Dialogue = field(default_factory=Dialogue, metadata=LATER)  # what RoboBrain answered
-    clearance_m: float = field(default=0.0, metadata=LATER)  # that what was carried kept from things
 
     @property
     def reason(self) -> str:

@@ -18,7 +18,6 @@ from .motion.state import State as State
 from .motion.state import Unreachable as Unreachable
 from .motion.verbs import Motion as Motion
 from .motion.verbs import add_primitive as add_primitive
-from .planning import UNDISTURBED as UNDISTURBED
 from .planning import Planned as Planned
 from .planning import Planner as Planner
 from .planning import Settings as Settings

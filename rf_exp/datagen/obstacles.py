@@ -55,7 +55,6 @@ class Obstacles:
             *,
             between: bool = False,
             hand: bool = False,
-            beside_m: float = 0.0,
         ) -> Obstacle | None:
             planning_scene, in_the_way = self._surroundings(agent, state, touches, avoid_arms)
             body = _body(planning_scene, agent, points, state, touches)
@@ -64,8 +63,7 @@ class Obstacles:
                 in_the_way = [each for each in in_the_way if not isinstance(each[0][0], int)]
             elif folded(body, self._task.arms[agent].robot.self_pairs).any():
                 return "the arm itself"
-            for obstacles, other, least_m in in_the_way:
-                margin_m = least_m if isinstance(obstacles[0], int) else max(least_m, beside_m)
+            for obstacles, other, margin_m in in_the_way:
                 if closer_than(body, other, margin_m, between=between).any():
                     each = ((one, _only(planning_scene, other, one)) for one in obstacles[:-1])
                     near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())

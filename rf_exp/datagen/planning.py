@@ -26,8 +26,6 @@ from rf_exp.types import CONTROL_HZ, ConstraintSet, JointLimits, Occupancy, Scen
 
 LARGEST_DISTURBANCE_RAD = 0.2
 LONGEST_DELAY_S = 5.0
-LARGEST_CLEARANCE_M = 0.1
-UNDISTURBED = ("disturbance_rad", "delay_s", "clearance_m")  # what recipes of policies ask of demonstrations
 PAUSES = 1 / 3  # of the moments at which an arm stands still anyway, are drawn out
 
 
@@ -43,7 +41,6 @@ class Settings:
     occupancy: Occupancy
     disturbance_rad: float  # of executed motion; see disturb.py
     delay_s: float  # how late an arm may be without meeting another; where disturbed, it pauses as long
-    clearance_m: float  # that what is carried keeps from things on its way, where there is room
 
     def __post_init__(self) -> None:
         if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
@@ -51,9 +48,6 @@ class Settings:
             raise ArgumentError(f"disturbance_rad is {self.disturbance_rad}; {possible}")
         if not 0 <= self.delay_s <= LONGEST_DELAY_S:
             raise ArgumentError(f"delay_s is {self.delay_s}; expected 0 to {LONGEST_DELAY_S} s")
-        if not 0 <= self.clearance_m <= LARGEST_CLEARANCE_M:
-            possible = f"expected 0 to {LARGEST_CLEARANCE_M} m"
-            raise ArgumentError(f"clearance_m is {self.clearance_m}; {possible}")
         if self.attempts < 1:
             raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
 
@@ -63,7 +57,7 @@ class Settings:
     ) -> "Settings":
         """As conf/config.yaml says, but for `changes`; undisturbed, as only recipes of policies disturb."""
         said = {key: default_of(key) for key in ("attempts", "occupancy")}
-        said |= {"limits": JointLimits(**default_of("limits")), **dict.fromkeys(UNDISTURBED, 0.0)}
+        said |= {"limits": JointLimits(**default_of("limits")), "disturbance_rad": 0.0, "delay_s": 0.0}
         return cls(task, constraint_set, brain, **(said | changes))
 
     def make_brain(self, seed: int) -> Brain:
@@ -155,7 +149,7 @@ class Planner:
         settings = self._settings
         obstacles = Obstacles(settings.task, scene, settings.constraint_set, proposal)
         blocked = obstacles.blocked(avoid_arms=way.avoid_arms)
-        reach = Reach(settings.task.arms, settings.limits, blocked, search, settings.clearance_m)
+        reach = Reach(settings.task.arms, settings.limits, blocked, search)
         motion = partial(plan_motion, lockstep=checker.lockstep, order=checker.order, yielding=way.yielding)
         try:
             motions = motion(settings.task, proposal, scene, reach)

@@ -88,8 +88,6 @@ class Cell:
         name = self.constraint_set.name
         if self.experiment.disturbance_rad:
             name += "-disturbed" if self.experiment.delay_s else "-disturbed-punctual"
-        if self.experiment.clearance_m:
-            name += "-clear"
         if self.task.variation.identity:
             name += f"-in-{self.task.variation.name}"
         name += self._by
@@ -144,7 +142,7 @@ class Cell:
         """What decides the rows of generation."""
         settings = self.settings
         said = {
-            **artifacts.without(asdict(settings), disturbance_rad=0.0, delay_s=0.0, clearance_m=0.0),
+            **artifacts.without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
             "task": self.task.name,
             "scene": self.task.identity,
             "version": self.task.version,

@@ -216,7 +216,6 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
         commit=code(),
         disturbance_rad=settings.disturbance_rad,
         delay_s=settings.delay_s,
-        clearance_m=settings.clearance_m,
         variation=task.variation.name,
         drawn=drawn_of(task, outcome.seed),
     )

@@ -52,7 +52,7 @@ def made_again(
         **({"experiment": experiment} if experiment else {}),
         **({"robot": f"[{','.join(robots)}]"} if robots else {}),
         **{"task": task, "constraints": row.constraints, "seed": row.seed, "episodes": len(rows)},
-        **{key: getattr(row, key) for key in ("disturbance_rad", "delay_s", "clearance_m")},
+        **{"disturbance_rad": row.disturbance_rad, "delay_s": row.delay_s},
         **{"variation": row.variation, "out": out, **FEW},
     }
     command = [sys.executable, "-m", "rf_exp.run", "stages=[generate]"]

@@ -73,8 +73,7 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
 def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(GENERATION)) == (
         "task constraints brain seed success success_paper steps attempts wall_s version "
-        "violations contacts generator commit schema disturbance_rad delay_s account variation drawn "
-        "dialogue clearance_m"
+        "violations contacts generator commit schema disturbance_rad delay_s account variation drawn dialogue"
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "

@@ -51,30 +51,6 @@ def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
             assert np.abs(joints[knot + 1] - joints[knot]).max() <= step * 1.1
 
 
-def test_what_is_carried_keeps_the_clearance_where_there_is_room(place_food):
-    start, full = start_scene(place_food, 0), ConstraintSet("full")
-    aside = place_food.module.places(start, place_food)["aside"]
-    scene = replace(start, poses={**start.poses, "lid": aside})
-    take, put = (each for each in place_food.module.plan(start, place_food).subgoals if each.agent == 1)
-    whole, first = Proposal((take, put), ()), Proposal((take,), ())
-    blocked = Obstacles(place_food, scene, full, whole).blocked(avoid_arms=False)
-    highest_m = []
-    for clearance_m in (0.0, 0.03):
-        reach = Reach(place_food.arms, LIMITS, blocked, Search(np.random.default_rng(0)), clearance_m)
-        gripped, placed = (
-            plan_motion(place_food, each, scene, reach, lockstep=(), yielding=Yielding())
-            for each in (first, whole)
-        )
-        lowered = next(each for each in placed.trajectories[0].segments if each.primitive == "lower")
-        tcps = np.array([place_food.arms[1].tcp(joints)[:3, 3] for joints in lowered.qpos])
-        off_m = np.linalg.norm((tcps - tcps[-1])[:, :2], axis=1)
-        across = lowered.qpos[(off_m > 0.02) & (off_m < off_m[0] - 0.02)]  # neither up nor down
-        near = blocked(1, across, gripped.state, frozenset({"steak"}), beside_m=0.02)
-        assert near == (None if clearance_m else "pot")
-        highest_m.append(tcps[:, 2].max())
-    assert highest_m[1] < highest_m[0] + 0.05  # by a higher rise, not by a wide swing
-
-
 def test_who_has_nothing_to_do_yields_first_unless_it_holds_something(place_food):
     scene = start_scene(place_food, 0)
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())

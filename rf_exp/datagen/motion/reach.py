@@ -8,7 +8,7 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from rf_exp.datagen.motion.branches import Approaches, Arrivals, along, leaving_s, straight
-from rf_exp.datagen.motion.paths import Search, edge_free
+from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import SPACING_RAD, blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
@@ -20,8 +20,6 @@ from rf_exp.types import JointLimits
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
 CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
-# The same where it shall keep clear of other things: the lowest from which the way does.
-RISES_M = (RISE_M, 0.08, 0.12, 0.16)
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
 
@@ -49,7 +47,6 @@ class Reach:
     limits: JointLimits
     blocked: Blocked
     search: Search
-    clearance_m: float = 0.0  # that what is carried keeps from things on its way, where there is room
 
     def timed(
         self,
@@ -71,37 +68,11 @@ class Reach:
         from as far above straight `down`. With `rise` it begins straight up. With `round_it` a rounded detour
         keeps clear of what the gripper may touch in the end. Raises Unreachable.
         """
-        plan = partial(
-            self._timed, agent, tiers, standoff_m, state, touches, what, down, round_it, look_ahead
-        )
-        for rise_m in RISES_M if rise and self.clearance_m else ():
-            try:
-                return plan(rise_m, clear=True)
-            except Unreachable:
-                continue
-        return plan(RISE_M if rise else 0.0)
-
-    def _timed(
-        self,
-        agent: int,
-        tiers: Tiers,
-        standoff_m: float,
-        state: State,
-        touches: frozenset[str],
-        what: str,
-        down: bool,
-        round_it: bool,
-        look_ahead: LookAhead,
-        rise_m: float,
-        *,
-        clear: bool = False,
-    ) -> Points:
-        """The same after so high a rise; `clear`: by a straight path that keeps the clearance alone."""
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
         no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone no room
         start = state.qpos[agent]
-        risen = self.line(agent, start, above(self.arms[agent].tcp(start), rise_m)) if rise_m else None
+        risen = self.line(agent, start, above(self.arms[agent].tcp(start), RISE_M)) if rise else None
         up = start[None] if risen is None else risen
         for goal, line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead, no_room):
             if obstacle := blocked(line):  # cheaper to find out than a path
@@ -109,11 +80,9 @@ class Reach:
                 if blocked(line[-1:], hand=True):
                     no_room.add(goal)
                 continue
-            path = (self._clear_path if clear else self._path)(agent, up[-1], line[0], state)
+            path = self._path(agent, up[-1], line[0], state)
             if path is None:
                 no_path = True
-                if clear:  # a later line swings wider than a higher rise does
-                    break
                 continue
             corners = densify(np.concatenate([up, path, line]))
             for radius_rad in BLEND_RAD:
@@ -208,15 +177,6 @@ class Reach:
             return self.blocked(agent, points, state, state.in_hand(agent)) is None
 
         return self.search.path(start, goal, free, self.arms[agent].robot.limits_rad)
-
-    def _clear_path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
-        """The straight one, where it keeps the clearance."""
-
-        def free(points: Points) -> bool:
-            held = state.in_hand(agent)
-            return self.blocked(agent, points, state, held, beside_m=self.clearance_m) is None
-
-        return np.stack([start, goal]) if edge_free(start, goal, free) else None
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
         """Timed points (T, dof) to joints (dof,). Raises Unreachable."""

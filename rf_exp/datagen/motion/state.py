@@ -81,8 +81,7 @@ def obstructed(what: str, *blockages: Blockage, finding: Finding = Finding.BLOCK
 class Blocked(Protocol):
     """Who or what blocks an agent at joint points, and `between` them; its gripper may touch `touches`.
 
-    Of the `hand` alone, with what it holds, only things are found. Things also block that are only
-    `beside_m` off.
+    Of the `hand` alone, with what it holds, only things are found.
     """
 
     def __call__(
@@ -94,5 +93,4 @@ class Blocked(Protocol):
         *,
         between: bool = False,
         hand: bool = False,
-        beside_m: float = 0.0,
     ) -> Obstacle | None: ...
