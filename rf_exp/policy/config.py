@@ -263,8 +263,9 @@ class PolicyConfig(Checked):
         require(told, "context", self.context, "true with acting.homing")
         seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
         require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
-        alone = self.phases or self.others_in_head  # otherwise nothing would know when to go on
-        require(alone, "others_in_head", self.others_in_head, "true without phases")
+        # Without phases nothing would know when to go on; in other features others are not apart.
+        apart = self.others_in_head or (self.phases and self.encoder.keypoints)
+        require(apart, "others_in_head", self.others_in_head, "true but with phases and encoder keypoints")
         self.encoder.check_in(self)
         self.head.check_in(self)
         longest = self.horizon - self.observation_steps + 1

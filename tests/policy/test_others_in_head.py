@@ -51,7 +51,11 @@ def test_what_others_do_says_when_to_go_on_and_the_head_is_told_only_if_it_shall
     assert not torch.equal(act(seen), act(mine)) and not torch.equal(chances(seen), chances(mine))
 
 
-def test_without_phases_nothing_but_the_head_could_be_told(policy_config: PolicyConfig) -> None:
-    changes = {"encoder.name": "keypoints", "context": True, "crop": 1.0, "others_in_head": False}
-    with pytest.raises(ArgumentError, match="others_in_head is False; expected true without phases"):
-        varied(policy_config, changes)
+@pytest.mark.parametrize("otherwise", [{"phases": False}, {"encoder.name": "compact"}])
+def test_the_head_has_to_be_told_where_nothing_else_is_or_it_cannot_be_left_out(
+    policy_config: PolicyConfig, otherwise: dict[str, object]
+) -> None:
+    changes = {"encoder.name": "keypoints", "context": True, "crop": 1.0, "phases": True, "horizon": 8}
+    expected = "others_in_head is False; expected true but with phases and encoder keypoints"
+    with pytest.raises(ArgumentError, match=expected):
+        varied(policy_config, {**changes, "observation_steps": 1, "others_in_head": False, **otherwise})
