@@ -25,7 +25,7 @@ MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
 # Keys that came after policies were released, at the values that change nothing, which stand in no identity.
-LATER: Mapping[str, Any] = {"start_offset_rad": 0.0, "others_in_head": True, "acting": {"homing": False}}
+LATER: Mapping[str, Any] = {"start_offset_rad": 0.0, "acting": {"homing": False}}
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
@@ -238,8 +238,6 @@ class PolicyConfig(Checked):
     acting: ActingConfig = field(metadata={ACTING: True})
     context: bool  # told also where the own TCP is and what the own gripper has done
     phases: bool  # predicts its subgoal and whether it may go on
-    # Whether the head is told what other agents do, and not only what predicts phases.
-    others_in_head: bool
     relative_actions: bool  # joint targets as differences from the newest measured positions
     task_space_actions: bool  # predicts where the TCP goes too, and joints follow that
     binary_grippers: bool  # commands are wholly open or wholly closed
@@ -263,9 +261,6 @@ class PolicyConfig(Checked):
         require(told, "context", self.context, "true with acting.homing")
         seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
         require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
-        # Without phases nothing would know when to go on; in other features others are not apart.
-        apart = self.others_in_head or (self.phases and self.encoder.keypoints)
-        require(apart, "others_in_head", self.others_in_head, "true but with phases and encoder keypoints")
         self.encoder.check_in(self)
         self.head.check_in(self)
         longest = self.horizon - self.observation_steps + 1

@@ -2,8 +2,7 @@
 
 The condition of the head is [features, joint positions, context] of each observed frame, oldest first, each
 scaled to its range in the demonstrations. The predictor of transitions, where there is one, learns with the
-first fit of the head. Where it alone is told what other agents do, it decides whether an agent goes on, and
-the head how: an agent that has missed then tries again as it did at first, however far the others have come.
+first fit of the head.
 """
 
 from collections.abc import Callable
@@ -117,14 +116,11 @@ class Policy(nn.Module):
         self.encoder: Encoder = ENCODERS[name_of(config.encoder)].make(config.encoder, view, spec)
         frame = self.encoder.size + view.proprio_size + spec.size(view)
         size = config.observation_steps * frame
-        self._hidden = 0 if config.others_in_head else self.encoder.of_others
         self.transitions: TransitionPredictor | None = None
         if config.phases and not view.coordinated:
             about = self._agents, spec.phase_size, config.phase_dropout
             self.transitions = TransitionPredictor(size, *about)
-        self.head: Head = HEADS[name_of(config.head)].make(
-            config.head, size - config.observation_steps * self._hidden, config.horizon, actions
-        )
+        self.head: Head = HEADS[name_of(config.head)].make(config.head, size, config.horizon, actions)
         self.normaliser = Normaliser(view.proprio_size, actions, spec.size(view), self.encoder.size)
 
     # -- learning ------------------------------------------------------------------------------------
@@ -147,14 +143,13 @@ class Policy(nn.Module):
         """What a fit of the head learns from a draw, and the predictor of transitions beside it."""
         batch = examples.batch(draw.windows, draw.rng)
         targets = self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
-        loss = fit.loss(self.condition(*self._observed(batch, draw.generator)), targets, draw.generator)
+        loss = fit.loss(self._observed(batch, draw.generator), targets, draw.generator)
         if loss.dim():
             raise self._wrong_head(f"gives a loss of shape {tuple(loss.shape)}; expected one number")
         if beside is None:
             return loss
         unknown = replace(batch, context=beside.hide(batch.context))
-        everything = self.everything(*self._observed(unknown, draw.generator))
-        return loss + beside.loss(everything, batch.context, draw.weights)
+        return loss + beside.loss(self._observed(unknown, draw.generator), batch.context, draw.weights)
 
     def _settle_encoder(self, examples: Windows, settle: Callable[[], None]) -> None:
         """All pictures are looked at once, for good, and the range of what is seen is known."""
@@ -164,8 +159,8 @@ class Policy(nn.Module):
         self.normaliser.features.fit(given[:, 0])
         self.train()
 
-    def _observed(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """Features, proprioception and context of a batch, raw, with the noise of training on them."""
+    def _observed(self, batch: Batch, generator: torch.Generator) -> Tensor:
+        """The condition (B, C) of a batch, with the noise of training on it."""
         features, proprio, device = batch.features, batch.proprio, batch.proprio.device
         if features is None:
             features = proprio.new_zeros(*batch.frames.shape, 0)
@@ -178,7 +173,7 @@ class Policy(nn.Module):
             # its own pose.
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + noise * self.normaliser.proprio.radius * shift
-        return self.encoder.perturbed(features, generator), proprio, batch.context
+        return self.condition(self.encoder.perturbed(features, generator), proprio, batch.context)
 
     # -- both ----------------------------------------------------------------------------------------
 
@@ -193,22 +188,10 @@ class Policy(nn.Module):
         return self.encoder.see(scaled(pictures[:, top : top + height, left : left + width]), rays)
 
     def condition(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
-        """What the head is told (B, C): of raw features (B, O, F), joints (B, O, P) and context (B, O, C)."""
-        frames = self._frames(features, proprio, context)
-        if self._hidden:
-            first, last = self.encoder.features - self._hidden, self.encoder.features
-            frames = torch.cat([frames[..., :first], frames[..., last:]], dim=2)
-        return frames.flatten(1)
-
-    def everything(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
-        """The same of what the predictor of transitions is told, (B, C + what the head is not told)."""
-        return self._frames(features, proprio, context).flatten(1)
-
-    def _frames(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
-        """(B, O, ...) of all of these, each from -1 to 1."""
+        """Features (B, O, F), proprioception (B, O, P) and context (B, O, C), all raw -> (B, condition)."""
         features = self.normaliser.features.normalise(self.encoder.conditioning(features, context))
         proprio = self.normaliser.proprio.normalise(proprio)
-        return torch.cat([features, proprio, self.normaliser.context.normalise(context)], dim=2)
+        return torch.cat([features, proprio, self.normaliser.context.normalise(context)], dim=2).flatten(1)
 
     def _wrong_head(self, how: str) -> StageError:
         return StageError(f"head {name_of(self.config.head)!r} ({type(self.head).__name__}) {how}")
@@ -229,7 +212,7 @@ class Policy(nn.Module):
         """
         if self.transitions is None:
             return None
-        return self.transitions.chances(self.everything(features, proprio, self.transitions.hide(context)))
+        return self.transitions.chances(self.condition(features, proprio, self.transitions.hide(context)))
 
     def in_phase(self, context: Tensor, numbers: Tensor, free: Tensor) -> Tensor:
         """Context (B, O, C) with the subgoals (B, n) of the own agents and whether they may go on (B, n)."""
