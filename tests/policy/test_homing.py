@@ -10,7 +10,7 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import DiffusionRunner, Policy, PolicyConfig, rollout, views
-from rf_exp.policy.acting.diffusion_runner import SETTLE_STEPS, Tries
+from rf_exp.policy.acting.diffusion_runner import SETTLE_STEPS
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of
 from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.robots import DEFAULT, add_robot, known
@@ -173,39 +173,3 @@ def test_demonstrations_say_when_fingers_are_meant_to_be_shut(
                 episode.qpos[shut, 1, 7:] = 0.0
             store.append(episode)
         assert spec_of(varied(policy_config, CHANGES), store, view).shuts == expected
-
-
-def test_who_tries_again_is_told_of_the_others_what_it_saw_of_them_at_first() -> None:
-    tries, looks = Tries(), [torch.full((1, 3), float(k)) for k in range(9)]
-    assert [tries((0,), each) is each for each in looks[:3]] == [True] * 3
-    assert tries((1,), looks[3]) is looks[3]
-    tries.missed((0,))
-    again = [tries((0,), each) for each in looks[4:8]]
-    assert [int(each[0, 0]) for each in again] == [0, 1, 2, 2]  # the last one stays
-    tries.missed((0,))
-    assert tries((0,), looks[8]) is looks[0]
-    assert tries((1,), looks[8]) is looks[8]  # nothing was missed there
-    tries.missed((2,))
-    assert tries((2,), looks[8]) is looks[8]  # where nothing was seen at first, what is seen now
-
-
-def test_the_head_alone_is_told_so_and_only_of_others(make, monkeypatch: pytest.MonkeyPatch) -> None:
-    (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
-    policy = runner._policy
-    monkeypatch.setattr(policy.encoder, "of_others", 2)
-    size = policy.encoder.features
-    first, later = torch.zeros(1, 1, size), torch.ones(1, 1, size)
-    assert torch.equal(runner._as_at_first(first), first)
-    runner._episode.grippers.told({1: -1.0}, np.full(2, 0.08))  # shuts, and has to be on nothing
-    runner._episode.tries[0].missed((0,))
-    runner._episode.grippers.told({1: 1.0}, np.full(2, 0.001))  # so that is taken back
-    found = runner._as_at_first(later)
-    assert (found[..., :-2] == 1).all() and (found[..., -2:] == 0).all() and (later == 1).all()
-
-
-def test_a_miss_is_what_begins_a_try_anew(make) -> None:
-    (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
-    gripped(runner, 0.001)
-    assert runner._episode.tries[0]._again == {(0,): 0}
-    gripped(runner, 0.02)
-    assert runner._episode.tries[0]._again == {}

@@ -75,32 +75,6 @@ class TransitionIntegrator:
         return numbers, free | reached
 
 
-class Tries:
-    """What was seen of the other agents at a first try, look by look, in place of what is seen at later ones.
-
-    An arm that has missed and tries again meets the others where no demonstration has them: they have gone
-    on. How it grips does not depend on them, but what it has learned does.
-    """
-
-    def __init__(self) -> None:
-        self._first: dict[tuple[int, ...], list[Tensor]] = {}  # by how often own grippers have changed
-        self._again: dict[tuple[int, ...], int] = {}  # looks since the last miss
-
-    def missed(self, changes: tuple[int, ...]) -> None:
-        """What is tried when own grippers have changed so often begins again."""
-        self._again[changes] = 0
-
-    def __call__(self, changes: tuple[int, ...], others: Tensor) -> Tensor:
-        """What the head is told of the others."""
-        first = self._first.setdefault(changes, [])
-        if changes not in self._again:
-            first.append(others)
-            return others
-        look = self._again[changes]
-        self._again[changes] = look + 1
-        return first[min(look, len(first) - 1)] if first else others
-
-
 @dataclass
 class _Episode:
     """The last observed frames of an episode, and what else the next prediction depends on."""
@@ -112,7 +86,6 @@ class _Episode:
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
     homing: NDArray[np.bool_]  # (agents of the view,) who has to go to rest before the next look
-    tries: list[Tries]  # of the streams
 
 
 class DiffusionRunner(PolicyRunner):
@@ -158,8 +131,7 @@ class DiffusionRunner(PolicyRunner):
         size_px, usual = (self._config.width, self._config.height), self._policy.encoder.usual_rays
         cameras = [] if usual is None else [estimates(each, size_px) for each in usual.cpu().double().numpy()]
         homing = np.full(len(self.view.agents), self._config.acting.homing)
-        tries = [Tries() for _ in self.view.streams]
-        return _Episode(frames, transitions, generators, grippers, nothing, cameras, homing, tries)
+        return _Episode(frames, transitions, generators, grippers, nothing, cameras, homing)
 
     # what is observed
 
@@ -185,10 +157,6 @@ class DiffusionRunner(PolicyRunner):
             episode.homing |= missed
             for row in range(len(missed)):
                 self.state.targets.forget(row)
-            taken_back = dict(zip(self.view.agents, missed.astype(int).tolist(), strict=True))
-            for stream, tries in zip(self.view.streams, episode.tries, strict=True):
-                if any(taken_back[agent] for agent in stream.agents):
-                    tries.missed(tuple(self._changes(agent) - taken_back[agent] for agent in stream.agents))
         if not self._observes:
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
@@ -293,7 +261,6 @@ class DiffusionRunner(PolicyRunner):
         if waits.all():
             stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        features = self._as_at_first(features)
         sampled = self._policy.act(features, proprio, known, self._episode.generators)
         actions = sampled.cpu().double().numpy()
         if not np.isfinite(actions).all():
@@ -315,21 +282,6 @@ class DiffusionRunner(PolicyRunner):
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
         # a gripper: in the pictures alone nothing tells how long it has been where it opens.
         return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
-
-    def _changes(self, agent: int) -> int:
-        """How often the gripper of an agent has changed for good."""
-        return int(self._episode.grippers.changes[agent - 1])
-
-    def _as_at_first(self, features: Tensor) -> Tensor:
-        """Features (S, O, F) as the head is told them: who tries again, of the others as at its first try."""
-        count = self._policy.encoder.of_others
-        if not self._config.acting.homing or not count:
-            return features
-        found = features.clone()
-        for row, (stream, tries) in enumerate(zip(self.view.streams, self._episode.tries, strict=True)):
-            changes = tuple(map(self._changes, stream.agents))
-            found[row, :, -count:] = tries(changes, features[row, :, -count:])
-        return found
 
     def _missed(self) -> NDArray[np.bool_]:
         """(agents of the view,) whose fingers have shut on nothing, where no demonstration means them to.

@@ -57,7 +57,6 @@ class Encoder(nn.Module):
     """
 
     features = 0  # F; 0: looks at nothing
-    of_others = 0  # of them tell only what other agents do: the last ones
 
     def __init__(self, *_: Any) -> None:
         super().__init__()

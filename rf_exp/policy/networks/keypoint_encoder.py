@@ -179,7 +179,6 @@ class KeypointEncoder(Encoder):
         self._others, subgoals = len(spec.bases) - self._agents, spec.subgoals
         self._cameras = len(view.streams[0].cameras)
         self.keypoints, points = spec.keypoints(view), spec.keypoints(view) * len(HAND)
-        self.of_others = self._others * (OUT + subgoals)
         self.features = self.keypoints * OUT + self._others * subgoals
         seen = self._cameras * self.keypoints  # each by each camera
         self.trunk = nn.Sequential(
