@@ -141,8 +141,7 @@ def document(results: Results) -> str:
         summary=summary(results),
         measured=measured(results),
         looks=beside(results, "one_look", "without_homing", minutes=True),
-        homing=beside(results, "without_homing", "others_in_head", minutes=False),
-        told=beside(results, "others_in_head", "robust", minutes=False),
+        homing=beside(results, "without_homing", "robust", minutes=False),
     )
 
 
