@@ -201,7 +201,7 @@ def _in_every_way(violation: Violation, proposal: Proposal) -> bool:
     if violation.finding not in (Finding.NO_ROOM, Finding.BLOCKED):
         return violation.finding is Finding.CLOSE_AT_FIRST
     movers = {each.agent for each in proposal.subgoals if each.object in violation.obstacles}
-    return {*violation.agents[1:], *movers} <= {*violation.agents[:1]}
+    return len(violation.agents) == 1 and movers <= {*violation.agents}
 
 
 def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:
