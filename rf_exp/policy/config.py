@@ -25,7 +25,7 @@ MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
 # Keys that came after policies were released, at the values that change nothing, which stand in no identity.
-LATER: Mapping[str, Any] = {"start_offset_rad": 0.0, "acting": {"homing": False}}
+LATER: Mapping[str, Any] = {"start_offset_rad": 0.0, "goal_gate": False, "acting": {"homing": False}}
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
@@ -240,6 +240,7 @@ class PolicyConfig(Checked):
     phases: bool  # predicts its subgoal and whether it may go on
     relative_actions: bool  # joint targets as differences from the newest measured positions
     task_space_actions: bool  # predicts where the TCP goes too, and joints follow that
+    goal_gate: bool  # and tells that from where the own gripper changes next, as far as it goes there
     binary_grippers: bool  # commands are wholly open or wholly closed
     horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
     observation_steps: int = bounded(64, above=0)
@@ -261,6 +262,9 @@ class PolicyConfig(Checked):
         require(told, "context", self.context, "true with acting.homing")
         seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
         require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
+        gated = self.encoder.keypoints and self.relative_actions and self.task_space_actions
+        expected = "false but with encoder keypoints, relative_actions and task_space_actions"
+        require(gated or not self.goal_gate, "goal_gate", self.goal_gate, expected)
         self.encoder.check_in(self)
         self.head.check_in(self)
         longest = self.horizon - self.observation_steps + 1

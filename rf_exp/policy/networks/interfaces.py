@@ -91,6 +91,10 @@ class Encoder(nn.Module):
         """What the head is given (B, O, size) of features (B, O, F), where the context is (B, O, C)."""
         return features
 
+    def offsets(self, features: Tensor, context: Tensor) -> Tensor:
+        """From the TCPs of the own agents to where their grippers change next (B, O, n, 3), in m."""
+        raise NotImplementedError
+
     def fit(self, examples: Windows) -> Fit | None:
         """Its own fit, before all others, after which it stays as it is; None: it learns with the head."""
         return None

@@ -367,16 +367,21 @@ class KeypointEncoder(Encoder):
 
         And that once more where it is near: scaled to a range over the whole table, millimetres are lost.
         """
-        keypoints = features[..., : self.keypoints * OUT].unflatten(2, (-1, OUT))
-        parts, count = [features], self._keyframes + 1
-        for agent in range(self._agents):
-            tcp, changes = of_agent(context, agent)
-            now = functional.one_hot(changes.argmax(dim=2).clamp(max=self._keyframes), count)
-            own = keypoints[:, :, agent * count : (agent + 1) * count]
-            ahead = (own * now[..., None]).sum(dim=2)
-            offset = ahead[..., :3] - tcp[..., :3]
-            parts += [ahead, offset, near(offset)]
-        return torch.cat(parts, dim=2)
+        goals, offsets = self._goals(features, context), self.offsets(features, context)
+        about = torch.cat([goals, offsets, near(offsets)], dim=3)
+        return torch.cat([features, about.flatten(2)], dim=2)
+
+    def offsets(self, features: Tensor, context: Tensor) -> Tensor:
+        tcps = [of_agent(context, agent)[0][..., :3] for agent in range(self._agents)]
+        return self._goals(features, context)[..., :3] - torch.stack(tcps, dim=2)
+
+    def _goals(self, features: Tensor, context: Tensor) -> Tensor:
+        """The keypoints (B, O, n, OUT) at which the grippers of the own agents change next."""
+        count = self._keyframes + 1
+        keypoints = features[..., : self._agents * count * OUT].unflatten(2, (self._agents, count, OUT))
+        changes = [of_agent(context, agent)[1].argmax(dim=2) for agent in range(self._agents)]
+        number = torch.stack(changes, dim=2).clamp(max=self._keyframes)
+        return (keypoints * functional.one_hot(number, count)[..., None]).sum(dim=3)
 
 
 def relit(pictures: Tensor, strength: float, rng: np.random.Generator) -> Tensor:

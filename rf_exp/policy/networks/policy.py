@@ -22,6 +22,7 @@ from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head, hidden
 from rf_exp.types import ARM_JOINTS
 
+GATE = 256  # width of the layer of a goal gate
 LEAST_RANGE = 0.02  # rad or m: a joint that hardly moves is centred, its noise not blown up to [-1, 1]
 
 
@@ -102,6 +103,23 @@ class TransitionPredictor(nn.Module):
         return torch.cat([found[..., :-1].softmax(dim=2), found[..., -1:].sigmoid()], dim=2)
 
 
+class GoalGate(nn.Module):
+    """A condition (B, C) -> how far each of n own arms has gone to its goal, in each of T steps (B, T, n).
+
+    An action tells from the hand by how much it moves, and close to a goal a millimetre of a chunk of
+    decimetres is lost. A gate near 1 tells it from the goal, where nearly nothing is left to tell.
+    """
+
+    def __init__(self, condition: int, horizon: int, agents: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            *hidden([condition, GATE]), nn.Linear(GATE, horizon * agents), nn.Unflatten(1, (horizon, agents))
+        )
+
+    def forward(self, condition: Tensor) -> Tensor:
+        return self.layers(condition).sigmoid()
+
+
 class Policy(nn.Module):
     """One policy of a view: actions (T, A) from O frames of pictures, proprioception and context.
 
@@ -122,6 +140,7 @@ class Policy(nn.Module):
             self.transitions = TransitionPredictor(size, *about)
         self.head: Head = HEADS[name_of(config.head)].make(config.head, size, config.horizon, actions)
         self.normaliser = Normaliser(view.proprio_size, actions, spec.size(view), self.encoder.size)
+        self.gate = GoalGate(size, config.horizon, self._agents) if config.goal_gate else None
 
     # -- learning ------------------------------------------------------------------------------------
 
@@ -135,21 +154,25 @@ class Policy(nn.Module):
             found, joined = [replace(first, settle=settle, shared=shared)], []
         for number, fit in enumerate(fit for fit in self.head.fits() if fit.steps != 0):
             beside = self.transitions if number == 0 else None
-            parts = [*fit.parts, *([beside] if beside else []), *joined]
+            gate = self.gate if number == 0 else None
+            parts = [*fit.parts, *(part for part in (beside, gate) if part), *joined]
             found.append(replace(fit, parts=parts, loss=partial(self._loss, examples, fit, beside)))
         return found
 
     def _loss(self, examples: Windows, fit: Fit, beside: TransitionPredictor | None, draw: Draw) -> Tensor:
         """What a fit of the head learns from a draw, and the predictor of transitions beside it."""
         batch = examples.batch(draw.windows, draw.rng)
-        targets = self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
-        loss = fit.loss(self._observed(batch, draw.generator), targets, draw.generator)
+        observed = self._observed(batch, draw.generator)
+        condition = self.condition(*observed)
+        targets = self.normaliser.action.normalise(batch.action - self._origin(*observed, condition))
+        loss = fit.loss(condition, targets, draw.generator)
         if loss.dim():
             raise self._wrong_head(f"gives a loss of shape {tuple(loss.shape)}; expected one number")
         if beside is None:
             return loss
         unknown = replace(batch, context=beside.hide(batch.context))
-        return loss + beside.loss(self._observed(unknown, draw.generator), batch.context, draw.weights)
+        hides = self.condition(*self._observed(unknown, draw.generator))
+        return loss + beside.loss(hides, batch.context, draw.weights)
 
     def _settle_encoder(self, examples: Windows, settle: Callable[[], None]) -> None:
         """All pictures are looked at once, for good, and the range of what is seen is known."""
@@ -159,8 +182,8 @@ class Policy(nn.Module):
         self.normaliser.features.fit(given[:, 0])
         self.train()
 
-    def _observed(self, batch: Batch, generator: torch.Generator) -> Tensor:
-        """The condition (B, C) of a batch, with the noise of training on it."""
+    def _observed(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """Features (B, O, F), proprioception and context of a batch, with the noise of training on them."""
         features, proprio, device = batch.features, batch.proprio, batch.proprio.device
         if features is None:
             features = proprio.new_zeros(*batch.frames.shape, 0)
@@ -173,7 +196,7 @@ class Policy(nn.Module):
             # its own pose.
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + noise * self.normaliser.proprio.radius * shift
-        return self.condition(self.encoder.perturbed(features, generator), proprio, batch.context)
+        return self.encoder.perturbed(features, generator), proprio, batch.context
 
     # -- both ----------------------------------------------------------------------------------------
 
@@ -196,11 +219,19 @@ class Policy(nn.Module):
     def _wrong_head(self, how: str) -> StageError:
         return StageError(f"head {name_of(self.config.head)!r} ({type(self.head).__name__}) {how}")
 
-    def _origin(self, proprio: Tensor, context: Tensor) -> Tensor | float:
-        """What is added to a prediction to make targets of it (B, 1, A)."""
+    def _origin(
+        self, features: Tensor, proprio: Tensor, context: Tensor, condition: Tensor
+    ) -> Tensor | float:
+        """What is added to a prediction to make targets of it (B, 1 or T, A)."""
         if not self.config.relative_actions:
             return 0.0
-        return action_origin(proprio, context if self.config.task_space_actions else None)
+        origin = action_origin(proprio, context if self.config.task_space_actions else None)
+        if self.gate is None:
+            return origin
+        towards = self.encoder.offsets(features, context)[:, -1]  # (B, n, 3)
+        along = self.gate(condition)[..., None] * towards[:, None]  # (B, T, n, 3)
+        poses = functional.pad(along, (0, POSE - towards.shape[2])).flatten(2)
+        return origin + functional.pad(poses, (self._agents * ACTION_SIZE, 0))
 
     # -- acting --------------------------------------------------------------------------------------
 
@@ -227,11 +258,13 @@ class Policy(nn.Module):
 
         All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
         """
-        sample = self.head.sample(self.condition(features, proprio, context), generators)
+        condition = self.condition(features, proprio, context)
+        sample = self.head.sample(condition, generators)
         expected = len(context), self.config.horizon, self.normaliser.action.centre.shape[0]
         if sample.shape != expected:
             raise self._wrong_head(f"samples actions of shape {tuple(sample.shape)}; expected {expected}")
-        actions = self.normaliser.action.restore(sample) + self._origin(proprio, context)
+        origin = self._origin(features, proprio, context, condition)
+        actions = self.normaliser.action.restore(sample) + origin
         if self.config.binary_grippers:
             commands = actions[..., : self._agents * ACTION_SIZE]
             grippers = commands.unflatten(-1, (-1, ACTION_SIZE))[..., ARM_JOINTS]
