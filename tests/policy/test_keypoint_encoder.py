@@ -28,10 +28,10 @@ from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, keypoints
 from rf_exp.policy.examples.windows import Labels, by_episode
 from rf_exp.policy.inputs.coordination import may_go
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, footprint, spec_of, tcp_poses
+from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec, footprint, spec_of, tcp_poses
 from rf_exp.policy.inputs.pictures import rays_of, usual_calibration
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
-from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
+from rf_exp.policy.networks.keypoint_encoder import OUT, KeypointEncoder
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
@@ -378,9 +378,44 @@ def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
     assert np.array_equal(joint_actions(USUAL, bases, stream, chunk)[0, 0], chunk[0, :8])
 
 
+@pytest.mark.parametrize("changes", [0, 1])
+def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
+    seeing: PolicyConfig, changes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = ObservationSpec(bases=((0.0, 0.0, 0.0),), keyframes=2)
+    policy = Policy(varied(seeing, {"goal_gate": True, "relative_actions": True}), LOCAL, spec).eval()
+    assert policy.gate is not None and policy.normaliser.action.centre.abs().max() == 0
+    features = torch.randn(1, 1, policy.encoder.features)
+    seen = features[0, 0, changes * OUT :][:3]
+    context = torch.zeros(1, 1, spec.size(LOCAL))
+    context[..., :POSE], context[..., POSE + changes] = torch.randn(POSE), 1.0
+    horizon, actions = policy.config.horizon, len(policy.normaliser.action.centre)
+    monkeypatch.setattr(policy.head, "sample", lambda *_: torch.zeros(1, horizon, actions))
+    for bias, expected in ((-50.0, context[0, 0, :3]), (50.0, seen)):
+        torch.nn.init.zeros_(policy.gate.layers[-2].weight)
+        torch.nn.init.constant_(policy.gate.layers[-2].bias, bias)
+        chunk = policy.act(features, torch.zeros(1, 1, 8), context, [torch.Generator()])[0]
+        place, axes = chunk[:, 8:11], chunk[:, 11:]
+        torch.testing.assert_close(place, expected.expand(horizon, 3))
+        torch.testing.assert_close(axes, context[0, 0, 3:POSE].expand(horizon, 6))
+
+
+def test_a_goal_gate_learns_with_the_first_fit_of_the_head(make_store, fitted: PolicyConfig) -> None:
+    gated = varied(fitted, {"goal_gate": True, "relative_actions": True})
+    store: Store = make_store(2, 3)
+    for view in views(ARCHS[0], 2):
+        windows = Windows(store, view, gated, CPU)
+        policy = Policy(gated, view, windows.spec)
+        assert [policy.gate in fit.parts for fit in policy.fits(windows)] == [False, True, False]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (
+            {"goal_gate": True, "relative_actions": False},
+            "goal_gate is True; expected false but with encoder",
+        ),
         ({"crop": 0.9}, "encoder is 'keypoints'; expected context=true and crop=1 with keypoints"),
         (
             {"context": False, "encoder.name": "compact"},
