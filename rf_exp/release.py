@@ -78,7 +78,7 @@ class Released:
     @property
     def overrides(self) -> list[str]:
         """What it says, as arguments; how a training runs, which changes nothing, it does not say."""
-        policy = PolicyConfig.read(self.policy, asdict(self.picture)).identity
+        policy = PolicyConfig.read(self.policy, asdict(self.picture)).whole
         training = TrainConfig.read(self.training)
         said = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s"
         named = {key: getattr(self, key) for key in said}

@@ -87,7 +87,7 @@ def pack(folder: Path, to: Path) -> None:
 def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:
     """An experiment in which policies act that were learned as the one in this folder."""
     made = provenance(folder)
-    policy = PolicyConfig.read(made["policy"], made["acting"]).identity
+    policy = PolicyConfig.read(made["policy"], made["acting"]).whole
     training = {key: value for key, value in made["train"].items() if key != "seed"}
     said = {
         "defaults": [{f"override /{group}": value} for group, value in chosen.items()],

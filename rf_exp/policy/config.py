@@ -286,6 +286,11 @@ class PolicyConfig(Checked):
         return self._values(None)
 
     @property
+    def whole(self) -> dict[str, Any]:
+        """The same with what came later, for who reads it beside another recipe."""
+        return self._values(None, {})
+
+    @property
     def learned(self) -> dict[str, Any]:
         """What decides the weights."""
         return self._values(False)
@@ -295,8 +300,8 @@ class PolicyConfig(Checked):
         """What decides only how it acts."""
         return self._values(True)
 
-    def _values(self, acting: bool | None) -> dict[str, Any]:
-        found = _without(values(self, acting), LATER)
+    def _values(self, acting: bool | None, unsaid: Mapping[str, Any] = LATER) -> dict[str, Any]:
+        found = _without(values(self, acting), unsaid)
         for kind in PARTS:
             part, fields_of = getattr(self, kind), found.pop(kind, {})
             own = {key: value for key, value in fields_of.items() if not is_dataclass(getattr(part, key))}
