@@ -384,7 +384,9 @@ def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
 ) -> None:
     spec = ObservationSpec(bases=((0.0, 0.0, 0.0),), keyframes=2)
     policy = Policy(varied(seeing, {"goal_gate": True, "relative_actions": True}), LOCAL, spec).eval()
-    assert policy.gate is not None and policy.normaliser.action.centre.abs().max() == 0
+    assert policy.gate is not None
+    last = policy.gate.layers[-2]
+    assert isinstance(last, torch.nn.Linear) and policy.normaliser.action.centre.abs().max() == 0
     features = torch.randn(1, 1, policy.encoder.features)
     seen = features[0, 0, changes * OUT :][:3]
     context = torch.zeros(1, 1, spec.size(LOCAL))
@@ -392,8 +394,8 @@ def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
     horizon, actions = policy.config.horizon, len(policy.normaliser.action.centre)
     monkeypatch.setattr(policy.head, "sample", lambda *_: torch.zeros(1, horizon, actions))
     for bias, expected in ((-50.0, context[0, 0, :3]), (50.0, seen)):
-        torch.nn.init.zeros_(policy.gate.layers[-2].weight)
-        torch.nn.init.constant_(policy.gate.layers[-2].bias, bias)
+        torch.nn.init.zeros_(last.weight)
+        torch.nn.init.constant_(last.bias, bias)
         chunk = policy.act(features, torch.zeros(1, 1, 8), context, [torch.Generator()])[0]
         place, axes = chunk[:, 8:11], chunk[:, 11:]
         torch.testing.assert_close(place, expected.expand(horizon, 3))
