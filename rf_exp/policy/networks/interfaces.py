@@ -92,7 +92,10 @@ class Encoder(nn.Module):
         return features
 
     def offsets(self, features: Tensor, context: Tensor) -> Tensor:
-        """From the TCPs of the own agents to where their grippers change next (B, O, n, 3), in m."""
+        """From the TCPs of the own agents to where their grippers change next (B, O, n, 3), in m.
+
+        `policy.goal_gate` asks for them, of an encoder whose configuration says `keypoints`, and of no other.
+        """
         raise NotImplementedError
 
     def fit(self, examples: Windows) -> Fit | None:

@@ -367,13 +367,18 @@ class KeypointEncoder(Encoder):
 
         And that once more where it is near: scaled to a range over the whole table, millimetres are lost.
         """
-        goals, offsets = self._goals(features, context), self.offsets(features, context)
+        goals = self._goals(features, context)
+        offsets = self._from_tcps(goals, context)
         about = torch.cat([goals, offsets, near(offsets)], dim=3)
         return torch.cat([features, about.flatten(2)], dim=2)
 
     def offsets(self, features: Tensor, context: Tensor) -> Tensor:
+        return self._from_tcps(self._goals(features, context), context)
+
+    def _from_tcps(self, goals: Tensor, context: Tensor) -> Tensor:
+        """Places of goals (B, O, n, OUT) less the TCPs of the own agents (B, O, n, 3), in m."""
         tcps = [of_agent(context, agent)[0][..., :3] for agent in range(self._agents)]
-        return self._goals(features, context)[..., :3] - torch.stack(tcps, dim=2)
+        return goals[..., :3] - torch.stack(tcps, dim=2)
 
     def _goals(self, features: Tensor, context: Tensor) -> Tensor:
         """The keypoints (B, O, n, OUT) at which the grippers of the own agents change next."""

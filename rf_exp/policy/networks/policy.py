@@ -171,8 +171,8 @@ class Policy(nn.Module):
         if beside is None:
             return loss
         unknown = replace(batch, context=beside.hide(batch.context))
-        hides = self.condition(*self._observed(unknown, draw.generator))
-        return loss + beside.loss(hides, batch.context, draw.weights)
+        untold = self.condition(*self._observed(unknown, draw.generator))
+        return loss + beside.loss(untold, batch.context, draw.weights)
 
     def _settle_encoder(self, examples: Windows, settle: Callable[[], None]) -> None:
         """All pictures are looked at once, for good, and the range of what is seen is known."""
