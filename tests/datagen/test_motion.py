@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen import Unreachable
+from rf_exp.datagen.motion import verbs
 from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.planner import plan_motion
 from rf_exp.datagen.motion.reach import Reach
@@ -15,7 +16,7 @@ from rf_exp.datagen.yielding import Yielding, ways
 from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
-from rf_exp.tasks import default_of
+from rf_exp.tasks import default_of, named_task
 from rf_exp.transforms import equal_turns, planar
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, ConstraintSet, JointLimits, Subgoal
 from tests.conftest import read_task
@@ -210,6 +211,17 @@ def test_something_round_is_grasped_from_whichever_side_is_soonest():
 
 
 @pytest.mark.slow
+def test_a_thing_is_grasped_so_that_the_arm_can_rise_with_it(monkeypatch):
+    ring = named_task("ring_1x3")
+    assert ring is not None
+    scene = start_scene(ring, 15)  # a finger of the soonest grasp stands too near to the next cube
+    proposal = ring.module.plan(scene, ring)
+    plan(ring, proposal, scene)
+    monkeypatch.setattr(verbs, "_rises", lambda request, state: True)
+    with pytest.raises(Unreachable, match=r"cube1_1 to goal1_1 .* cube1_2 is in the way"):
+        plan(ring, proposal, scene)
+
+
 def test_a_rounded_detour_keeps_clear_of_what_it_goes_round():
     """The way to the stem leads round the bowl: of seed 0 its corners once cut through it."""
     task = read_task("place_cube_in_cup")

@@ -72,7 +72,7 @@ class Reach:
         no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
         no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone no room
         start = state.qpos[agent]
-        risen = self.line(agent, start, above(self.arms[agent].tcp(start), RISE_M)) if rise else None
+        risen = self.risen(agent, start) if rise else None
         up = start[None] if risen is None else risen
         for goal, line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead, no_room):
             if obstacle := blocked(line):  # cheaper to find out than a path
@@ -194,6 +194,10 @@ class Reach:
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
         """Joint points (K, dof) of the straight TCP line from joints (dof,) to a pose."""
         return straight(self.arms[agent], joints, goal, self.limits)
+
+    def risen(self, agent: int, joints: Points) -> Points | None:
+        """Joint points (K, dof) of the line straight up with which what was grasped begins to move."""
+        return self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
 
     def along(self, agent: int, joints: Points, poses: Floats) -> Points | None:
         """Joint points (K + 1, dof) of the TCP from joints (dof,) through poses (K, 4, 4)."""
