@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from policies import cells, measured, of_fast, percent, rate
+from policies import CHALLENGE, cells, measured, of_fast, percent, rate
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -19,6 +19,9 @@ from rf_exp.ablation import (
     Results,
     brains,
     configured,
+    core_minutes,
+    is_baseline,
+    load,
     mean,
     paper,
     read_rows,
@@ -29,6 +32,7 @@ from rf_exp.ablation import (
 from rf_exp.texts.markdown import table
 
 ROOT = Path(__file__).parents[1]
+SCENES = {"none": "usual scenes", "posture": "other postures", "full": "all factors"}
 
 
 def policies() -> str:
@@ -45,6 +49,33 @@ def policies() -> str:
         if (task, BASELINE_ARCH, most) in found
     ]
     return table(("task", "arms", "rf_exp", "paper"), lines)
+
+
+def challenge() -> str:
+    """Strict success in the tasks that the authors' challenge adds, with one look and with two."""
+    rows = [
+        row for row in measured() if is_baseline(row) and not row.shield and row.demos == paper().demos[-1]
+    ]
+    lines = []
+    for task, best in CHALLENGE.items():
+        of_task = [row for row in rows if row.task == task]
+        groups = ([row for row in of_task if row.recipe == recipe] for recipe in ("fast", "close_up"))
+        shares = (f"**{percent(rate(group))}**" if group else "" for group in groups)
+        lines.append((title_of(task, configured()), str(configured()[task].agents), *shares, f"{best} %"))
+    return table(("task", "arms", "`fast`", "`close_up`", "best published"), lines)
+
+
+def robust() -> str:
+    """Strict success of the recipe that learns from scenes that differ, in three kinds of scenes."""
+    rows = [row for row in load(ROOT).evaluation if row.recipe == "robust+full" and is_baseline(row)]
+    lines = []
+    for task, configuration in configured().items():
+        found = {scenes: [r for r in rows if (r.task, r.variation) == (task, scenes)] for scenes in SCENES}
+        if all(found.values()):
+            shares = (f"**{percent(rate(group))}**" for group in found.values())
+            minutes = f"{core_minutes(found['none']):.0f}"
+            lines.append((title_of(task, configured()), str(configuration.agents), *shares, minutes))
+    return table(("task", "arms", *SCENES.values(), "core-minutes of learning"), lines)
 
 
 def experts() -> str:
@@ -144,7 +175,7 @@ def _told(found: Estimate, scale: float = 1) -> str:
 
 
 WRITTEN: Mapping[str, Mapping[str, Callable[[], str]]] = {
-    "README.md": {"policies": policies},
+    "README.md": {"policies": policies, "challenge": challenge, "robust": robust},
     "docs/ablation.md": {"success": ablation_success, "length": ablation_length, "others": ablation_others},
     "docs/brains.md": {"brains": compared_brains},
     "docs/expert.md": {"experts": experts},
