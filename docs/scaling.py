@@ -140,11 +140,14 @@ def document(cells: dict[Cell, list[Row]]) -> str:
         for things in sorted({cell[2] for cell in cells if cell[0] == family})
     ]
     grown = [(f"`{family}`", str(things), exponent(cells, family, things)) for family, things in families]
+    every = [row for rows in cells.values() for row in rows]
     return rendered(
         HERE / "scaling.jinja",
         cells=table(HEADING, [line(cell, rows) for cell, rows in sorted(cells.items(), key=_order)]),
         exponents=table(("family", "things", "exponent"), [each for each in grown if each[2]]),
-        seeds=len({row["seed"] for rows in cells.values() for row in rows}),
+        seeds=len({row["seed"] for row in every}),
+        scenes=f"{len(every):,}",
+        succeeded=f"{sum(row['success'] for row in every):,.0f}",
     )
 
 
