@@ -31,7 +31,6 @@ FAR_M = 0.3  # from the middle of a thing to where it can be met, at most
 PRESS_ON_M = 0.004  # deeper, where pressing was not enough
 STANDS_M = 0.003  # from a pose to a hand that stands there
 FINGER_M = 0.05  # by which a hand that is turned is beside it
-SAME = 1e-3  # between poses of one goal, in m and of rotations: inverse kinematics is more exact
 ARC_RAD = 0.05  # between postures of a sweep, at most
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
@@ -57,6 +56,7 @@ def grasp(request: Request, state: State) -> Motion:
             return (), state
         raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
     point, tiers = _met(request, state)
+    tiers = [[*tier] for tier in tiers]
     touches, after = frozenset({name}), once_grasped(request, name, state)
     stuck: Motion | None = None  # the soonest one, from which the arm cannot rise
     while True:
@@ -82,8 +82,9 @@ def grasp(request: Request, state: State) -> Motion:
         if _rises(request, there):
             return (approach, close), there
         stuck = stuck or ((approach, close), there)
-        others = ([goal for goal in tier if not np.allclose(goal, grip, atol=SAME)] for tier in tiers)
-        tiers = [tier for tier in others if tier]
+        every = [goal for tier in tiers for goal in tier]
+        tried = min(every, key=lambda goal: float(np.abs(goal - grip).max()))
+        tiers = [left for tier in tiers if (left := [goal for goal in tier if goal is not tried])]
         if not tiers:
             return stuck
 
