@@ -29,11 +29,13 @@ class LookAhead:
     """What comes next, estimated.
 
     `after` TCP poses (G, 4, 4) tells how many s it takes, from the number of one and the straight approach to
-    it (2, dof); infinite: out of reach.
+    it (2, dof); infinite: out of reach. `leaves` says whether it can begin from joints (dof,)
+    at the goal; where it cannot, other goals come first.
     """
 
     after: Callable[[Floats], Callable[[int, Points], float]]
     rest_rad: Points | None = None  # (dof,) where the arm goes then, where that is known beforehand
+    leaves: Callable[[Points], bool] = lambda joints: True
 
 
 _NOTHING = LookAhead(lambda _: lambda goal, points: 0.0)
@@ -70,7 +72,8 @@ class Reach:
         """
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
-        no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone no room
+        no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone none, or no way on
+        stuck: Points | None = None  # the soonest motion to one without a way on
         start = state.qpos[agent]
         risen = self.risen(agent, start) if rise else None
         up = start[None] if risen is None else risen
@@ -94,13 +97,19 @@ class Reach:
                     obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
                 obstacle = obstacle or blocked(points, between=True)
                 if obstacle is None:
-                    return parameterise(points, self.limits)
+                    if look_ahead.leaves(points[-1]):
+                        return parameterise(points, self.limits)
+                    stuck = points if stuck is None else stuck
+                    no_room.add(goal)
+                    break
                 if radius_rad == BLEND_RAD[-1]:
                     obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
             # All lines begin with it, so it is asked for once.
             if risen is not None and (obstacle := blocked(risen, between=True)):
                 raise obstructed(what, Blockage(agent, risen, state, touches, obstacle, "as it rises"))
             risen = None
+        if stuck is not None:  # what is in the way is said when its turn comes
+            return parameterise(stuck, self.limits)
         if obstacles:
             everywhere = len(no_room) == sum(map(len, tiers))
             finding = Finding.NO_ROOM if everywhere else Finding.BLOCKED

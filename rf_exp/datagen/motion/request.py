@@ -18,7 +18,7 @@ from rf_exp.findings import Cause, Finding
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
-from rf_exp.types import Scene, Segment, Subgoal
+from rf_exp.types import GRIPPER_CLOSED, Scene, Segment, Subgoal
 
 STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm is compliant
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
@@ -147,7 +147,21 @@ def once_grasped(request: Request, name: str, state: State) -> LookAhead:
 
         return lambda goal, points: _takes_s(request.reach, lines(goal), points)
 
-    return LookAhead(after)
+    return LookAhead(after, leaves=partial(_rises, request, name, state))
+
+
+def _rises(request: Request, name: str, state: State, joints: Points) -> bool:
+    """Whether the arm can raise what it grasps at joints (dof,), where that is what comes next."""
+    following = next(iter(request.following), None)
+    if following is None or following.verb not in ("carry", "place"):
+        return True
+    agent, reach = request.agent, request.reach
+    gripper = {**state.gripper, agent: GRIPPER_CLOSED}
+    there = replace(state, qpos={**state.qpos, agent: joints}, gripper=gripper)
+    tcp_from_object = inverse(request.tcp(there)) @ state.poses[name]
+    there = replace(there, held={**there.held, agent: (name, tcp_from_object)})
+    touches, line = there.in_hand(agent) | support(request.task, following), reach.risen(agent, joints)
+    return line is None or reach.blocked(agent, line, there, touches, between=True) is None
 
 
 def once_placed(request: Request, state: State) -> LookAhead:

@@ -56,48 +56,15 @@ def grasp(request: Request, state: State) -> Motion:
             return (), state
         raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
     point, tiers = _met(request, state)
-    tiers = [[*tier] for tier in tiers]
-    touches, after = frozenset({name}), once_grasped(request, name, state)
-    stuck: Motion | None = None  # the soonest one, from which the arm cannot rise
-    while True:
-        try:
-            points = request.reach.timed(
-                agent,
-                tiers,
-                point.standoff_m,
-                state,
-                touches,
-                request.subgoal.text,
-                round_it=point.around > 1,
-                look_ahead=after,
-            )
-        except Unreachable:
-            if stuck is None:
-                raise
-            return stuck  # what is in the way is said when its turn comes
-        approach, there = request.segment("approach", points, state, touches)
-        close, there = _fingers(request, "close", GRIPPER_CLOSED, there, touches)
-        grip = request.tcp(there)
-        there = replace(there, held={**there.held, agent: (name, inverse(grip) @ state.poses[name])})
-        if _rises(request, there):
-            return (approach, close), there
-        stuck = stuck or ((approach, close), there)
-        every = [goal for tier in tiers for goal in tier]
-        tried = min(every, key=lambda goal: float(np.abs(goal - grip).max()))
-        tiers = [left for tier in tiers if (left := [goal for goal in tier if goal is not tried])]
-        if not tiers:
-            return stuck
-
-
-def _rises(request: Request, state: State) -> bool:
-    """Whether the arm can raise what it has grasped, where that is what comes next."""
-    following = next(iter(request.following), None)
-    if following is None or following.verb not in ("carry", "place"):
-        return True
-    reach, agent = request.reach, request.agent
-    touches = state.in_hand(agent) | support(request.task, following)
-    line = reach.risen(agent, state.qpos[agent])
-    return line is None or reach.blocked(agent, line, state, touches, between=True) is None
+    touches = frozenset({name})
+    what, after, round_it = request.subgoal.text, once_grasped(request, name, state), point.around > 1
+    points = request.reach.timed(
+        agent, tiers, point.standoff_m, state, touches, what, round_it=round_it, look_ahead=after
+    )
+    approach, state = request.segment("approach", points, state, touches)
+    close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
+    tcp_from_object = inverse(request.tcp(state)) @ state.poses[name]
+    return (approach, close), replace(state, held={**state.held, agent: (name, tcp_from_object)})
 
 
 def lift(request: Request, state: State) -> Motion:
