@@ -20,7 +20,7 @@ from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, requi
 from rf_exp.types import LARGEST_PX
 
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 10
+LEARNER = 11
 MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels

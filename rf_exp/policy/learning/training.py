@@ -269,7 +269,7 @@ class Training:
             weight.requires_grad_(id(weight) in learned)
         average = self._ema([self._parameters[k] for k in chosen])
         average.shadow_params = [self._average.shadow_params[k] for k in chosen]
-        average.optimization_step = self.step_number
+        average.optimization_step = self.step_number - self._bounds[self._current]  # it warms up anew
         self._learned = average, [self._parameters[k] for k in chosen]
 
     def _settle(self) -> None:
