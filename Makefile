@@ -11,8 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The set-up is done again only when what it depends on has changed.
 STAMP := .venv/.setup-$(shell (echo "$(CURDIR) $(RENDER)"; cat pyproject.toml scripts/setup.sh) | sha256sum | cut -c1-16)
 # Policies learn from pictures: without them the demo ends with the demonstrations.
-# Less than half of the recipe's steps of the draft are enough for its easy task.
-DEMO := $(if $(filter no,$(RENDER)),render=false stages=[generate],policy.head.refined.regression_steps=5000)
+DEMO := $(if $(filter no,$(RENDER)),render=false stages=[generate])
 # Each process keeps to one core.
 JOBS ?= 2
 TESTS := OMP_NUM_THREADS=1 LP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder

@@ -45,7 +45,7 @@ def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
 
 def origin(row: EvaluationRow) -> tuple[str, str]:
     """Of one policy: the generator, and what is otherwise now."""
-    rows = published(rows_file(row.task, row.constraints, row.arch, row.recipe, row.demos))
+    rows = _published(row)
     if row.train_seed not in rows.made:
         return "-", "not recorded"
     generator = rows.made[row.train_seed]["data"]["identity"]["generator"].partition(".")[0]
@@ -54,6 +54,16 @@ def origin(row: EvaluationRow) -> tuple[str, str]:
     if missing := [f"`{key}`" for key in sorted(now.keys() - then.keys()) if now[key] != UNUSED.get(key)]:
         told.append(f"without {', '.join(missing)}")
     return generator, ", ".join(told)
+
+
+def learned_with(row: EvaluationRow, key: str) -> Any:
+    """The value of a key of the recipe of one policy; None where it was not there yet."""
+    rows = _published(row)
+    return as_now(rows.asked).get(key) if rows.asked else None
+
+
+def _published(row: EvaluationRow) -> Published[EvaluationRow]:
+    return published(rows_file(row.task, row.constraints, row.arch, row.recipe, row.demos))
 
 
 @cache

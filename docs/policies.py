@@ -10,7 +10,7 @@ from statistics import fmean
 
 from figure import Panel, figure
 from omegaconf import OmegaConf
-from origins import origins
+from origins import learned_with, origins
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -335,6 +335,18 @@ def challenge(found: Cells) -> dict[str, list[str]]:
     }
 
 
+def gated(tables: Cells) -> str:
+    """The tasks whose policies in the paper's tables, of most demonstrations, have a goal gate."""
+    of_most = {
+        task: group
+        for (task, arch, demos), group in tables.items()
+        if (arch, demos) == (BASELINE_ARCH, paper().demos[-1])
+    }
+    with_it = [task for task, group in of_most.items() if learned_with(group[0], "policy.goal_gate")]
+    *names, last = [title_of(task, configured()) for task in with_it]
+    return f"{', '.join(names)} and {last}" if names else last
+
+
 def rate(group: Sequence[EvaluationRow]) -> float:
     return fmean(row.success for row in group)
 
@@ -357,6 +369,7 @@ def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
         hours=hours(of_tables),
         compared=compared(of_tables),
         challenge=challenge(of_tables),
+        gated=gated(of_tables),
         shielded=shielded(groups),
         privileged=privileged(groups),
         limits=limits(rows),

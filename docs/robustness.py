@@ -1,4 +1,4 @@
-"""Writes docs/robustness.md from conf/variation and the rows in results/: python docs/robustness.py"""
+"""Writes the pages of robustness from conf/variation and the rows in results/: python docs/robustness.py"""
 
 import re
 from collections.abc import Sequence
@@ -22,7 +22,6 @@ from rf_exp.texts.markdown import table
 
 ROOT = Path(__file__).parents[1]
 HERE = Path(__file__).parent
-PAGE = HERE / "robustness.md"
 VARIATIONS = CONF / "variation"
 KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
 FACTOR = "`variation=`", "what varies", "how far", "stream"
@@ -132,18 +131,21 @@ def _range(value: object) -> str:
     return f"{value[0]} to {value[1]}" if isinstance(value, list | tuple) else str(value)
 
 
-def document(results: Results) -> str:
-    """The page."""
-    return rendered(
+def documents(results: Results) -> dict[Path, str]:
+    """The pages: what was measured, and what was tried."""
+    page = rendered(
         HERE / "robustness.jinja",
         factors=table(FACTOR, [factor(name) for name in choices()]),
         keys=table(("key", "what it is"), keys()),
         summary=summary(results),
         measured=measured(results),
-        looks=beside(results, "one_look", "without_homing", minutes=True),
         homing=beside(results, "without_homing", "robust", minutes=False),
     )
+    looks = beside(results, "one_look", "without_homing", minutes=True)
+    trials = rendered(HERE / "robustness_trials.jinja", looks=looks)
+    return {HERE / "robustness.md": page, HERE / "robustness_trials.md": trials}
 
 
 if __name__ == "__main__":
-    PAGE.write_text(document(load(ROOT)), "utf-8")
+    for path, text in documents(load(ROOT)).items():
+        path.write_text(text, "utf-8")

@@ -32,7 +32,7 @@ from rf_exp.ablation import (
 from rf_exp.texts.markdown import table
 
 ROOT = Path(__file__).parents[1]
-SCENES = {"none": "usual scenes", "posture": "other postures", "full": "all factors"}
+SCENES = {"none": "nominal scenes", "posture": "other initial postures", "full": "all factors"}
 
 
 def policies() -> str:

@@ -31,9 +31,9 @@ other and the mean number of control steps in which they did; for generation the
 proposal that ended in a violation and the mean number of such proposals. Where it differs, the strict rate
 without any violation is given as well.
 
-The tasks behind the paper's are official ones of the MARS challenge (NeurIPS 2025), with their scenes. Of
-these "the paper's criterion" means that of the challenge's release, and the tables of the paper leave them
-out or have them last.
+The four tasks listed after the paper's are official ones of the MARS challenge (NeurIPS 2025), with their
+scenes. Of these "the paper's criterion" means that of the challenge's release, and the tables of the paper
+leave them out or have them last.
 """
 
 

@@ -18,6 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import MarkedYAMLError
 
 from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
@@ -164,6 +165,9 @@ def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
         return 2, f"wrong argument: {_in_other_words(error)}"
+    if isinstance(error, MarkedYAMLError) and (mark := error.problem_mark) is not None:
+        said = one_line(f"{mark.name}, line {mark.line + 1}: {error.problem}", LONGEST_ERROR)
+        return 2, f"wrong argument: {said}; it is no YAML"
     if isinstance(error, OSError) and error.filename is not None and not disk_full(error):
         # Not of the job: Hydra makes its folder.
         why = one_line(f"cannot make {error.filename}: {error.strerror}", LONGEST_ERROR)
@@ -177,6 +181,8 @@ def _in_other_words(error: Exception) -> str:
     """What is said of a wrong argument; where those of Hydra and OmegaConf lead astray, in words of ours."""
     if found := re.match(r"Could not override '([^']+)'", str(error)):  # a key is not there
         return not_among_files(found[1])
+    if "interpolation '${variation}'" in str(error):
+        return "variation is no single name; say one of conf/variation, or -m variation=ONE,OTHER: a job each"
     if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
         return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
     if found := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a folder of its group

@@ -1,11 +1,15 @@
 """Errors a person can act on: what was wrong, what was found, what is possible."""
 
+import errno
 import pickle
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from rf_exp.texts import LONGEST_ERROR, one_line
+
+REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
 class RfError(Exception):
@@ -34,6 +38,16 @@ def choices(what: str, got: object, available: object) -> ArgumentError:
     """The error for a name that does not exist: names what does."""
     listed = ", ".join(sorted(str(name) for name in available))  # pyright: ignore[reportGeneralTypeIssues]
     return ArgumentError(f"unknown {what} {got!r}; available: {listed}")
+
+
+def refuse_access(path: Path, error: Exception) -> None:
+    """Raises StageError where it is the system that does not let something be read."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
+        why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
+        raise StageError(
+            f"{path} cannot be read now: {why}; nothing is known to be wrong with it: see to that, "
+            "and run the same command again"
+        ) from error
 
 
 @contextmanager

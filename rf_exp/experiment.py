@@ -1,5 +1,6 @@
 """An experiment as plain, checked values: what `conf/` says, before any work begins."""
 
+import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -88,13 +89,15 @@ class Experiment:
         ):
             for each in those:
                 check_file_name(kind, each.name)
+        if not self.stages:
+            raise ArgumentError(f"stages is empty; available: {', '.join(STAGES)}")
         if unknown := [stage for stage in self.stages if stage not in STAGES]:
             raise ArgumentError(f"unknown stage {unknown[0]!r}; available: {', '.join(STAGES)}")
         lowest = dict.fromkeys(("seed", "films", "train_seed"), 0)
         lowest |= dict.fromkeys(("demos", "workers", "seed_limit_s", "attempts", "scenes", "appearances"), 1)
         lowest |= {"episodes": 1} if self.episodes is not None else {}
         for key, low in lowest.items():
-            if getattr(self, key) < low:
+            if not low <= getattr(self, key) < math.inf:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
         unseen = [task.variation.name for task in self.tasks if not task.variation.seen]
         if self.appearances > 1 and unseen:

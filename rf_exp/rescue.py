@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 
 from rf_exp.artifacts import whole
 from rf_exp.command import guarded
+from rf_exp.errors import ArgumentError
 from rf_exp.progress import console
 from rf_exp.stages import owned
 from rf_exp.store import Damage, Damaged, Store, empty_like, refuse_other_kinds
@@ -25,6 +26,9 @@ def rescue(path: Path, dry_run: bool = False) -> None:
 
     Whatever kills it, the damaged store is there, under its own name or that of one moved aside.
     """
+    path = path.absolute()
+    if not path.name:
+        raise ArgumentError(f"{path} is no store")
     beside = path.with_name(f"{path.stem}.rescued{path.suffix}")
     if path.exists() or not beside.is_dir():  # unless killed between the two moves
         refuse_other_kinds(path)

@@ -38,6 +38,20 @@ def test_a_sentence_becomes_jobs_and_an_order() -> None:
     )
 
 
+def test_a_sentence_may_go_over_several_lines() -> None:
+    """And is one line in what is written, in a comment of the YAML file."""
+    made = compose(
+        "two arms put both cubes\ninto the\tbowl, the lid goes on last", THINGS, "both", "composed.both"
+    )
+    assert made.yaml.startswith("# two arms put both cubes into the bowl, the lid goes on last\nboth:\n")
+
+
+@pytest.mark.parametrize("name", ["lift_barrier", "ring", "all"])
+def test_a_name_that_is_taken_is_refused(name: str) -> None:
+    with pytest.raises(ArgumentError, match=f"name is '{name}', which task={name} means already"):
+        compose(BOTH, THINGS, name, f"composed.{name}")
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -41,7 +41,9 @@ def test_what_is_no_command_is_an_argument_of_the_experiment(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert called(monkeypatch, "docter") == 2
-    assert "'docter' is not understood" in capsys.readouterr().err
+    assert "'docter' is not understood; did you mean doctor?" in capsys.readouterr().err
+    assert called(monkeypatch, "lift") == 2
+    assert "'lift' is not understood" in capsys.readouterr().err
 
 
 @pytest.mark.slow

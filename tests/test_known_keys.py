@@ -178,6 +178,8 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
         assert f"here is no key {key!r} on the command line{hint}" in said
     said = told(command("brain.temperature=1", f"out={tmp_path / 'out'}"))
     assert "there is no key 'brain.temperature'; it comes with brain=openai." in said
+    said = told(command("variation.light_intensty=0.3", f"out={tmp_path / 'out'}"))
+    assert "did you mean variation.light_intensity?" in said
 
 
 @pytest.mark.slow

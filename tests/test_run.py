@@ -270,7 +270,7 @@ def test_the_whole_experiment_at_a_tiny_size(command, tiny):
         assert (out / f"{shown}.rrd").stat().st_size > 50_000
         assert (out / f"{shown}.mp4").exists()
         assert f'src="{shown}.mp4"' in (out / "report.html").read_text()
-    assert (out / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
+    assert (out / "recordings/lift_barrier/full/generate-fast-0.rrd").stat().st_size > 50_000
     assert (out / "report.html").stat().st_size > 10_000
     for name in ("tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"):
         assert {path.suffix for path in (out / "tables").glob(f"{name}.*")} == {".md", ".csv", ".tex"}

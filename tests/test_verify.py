@@ -10,6 +10,7 @@ import pytest
 from rf_exp import verify
 from rf_exp.ablation import GenerationRow
 from rf_exp.command import guarded
+from rf_exp.errors import ArgumentError
 from rf_exp.verify import __main__ as command
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -51,6 +52,19 @@ def test_a_row_that_does_not_is_named(
 def test_a_seed_that_is_missing_is_named() -> None:
     rows = verify.published(RESULTS / "expert/pick_meat.tsv", 3)
     assert list(verify.differences(rows, rows[:2])) == ["seed 2: nothing came out"]
+
+
+@pytest.mark.parametrize(
+    ("name", "seeds", "said"),
+    [
+        ("nope.tsv", 1, "there is no file"),
+        (".", 1, "there is no file"),
+        ("nope.tsv", 0, "--seeds is 0; expected 1 or more"),
+    ],
+)
+def test_what_cannot_be_verified_is_told(tmp_path: Path, name: str, seeds: int, said: str) -> None:
+    with pytest.raises(ArgumentError, match=said):
+        verify.published(tmp_path / name, seeds)
 
 
 def test_rows_of_policies_are_refused_with_what_to_do(

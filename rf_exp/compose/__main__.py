@@ -14,11 +14,13 @@ brain=openai    a language model says the sentence again in those forms: which o
 
 import argparse
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from rf_exp import datagen, laws
 from rf_exp.command import guarded
@@ -29,6 +31,7 @@ from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.installed import CONF
 from rf_exp.progress import console
 from rf_exp.tasks import Task, load_task
+from rf_exp.texts import LONGEST_LINE, one_line
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
 KEYS = {"objects": None, "name": "composed", "out": "composed", "episodes": 3, "brain": None}
@@ -95,8 +98,8 @@ def _read(text: str, keys: list[str]) -> dict[str, Any]:
             OmegaConf.from_dotlist([key for key in keys if not key.startswith("brain.")])
         )
         options: Any = OmegaConf.to_container(OmegaConf.from_dotlist(of_model))
-    except OmegaConfBaseException as error:
-        raise ArgumentError(f"cannot read {' '.join(keys)}: {error}") from error
+    except (OmegaConfBaseException, YAMLError) as error:
+        raise ArgumentError(f"cannot read {' '.join(keys)}: {one_line(str(error), LONGEST_LINE)}") from error
     for key in said:
         if key not in KEYS:
             raise choices("key", key, KEYS)
@@ -105,9 +108,16 @@ def _read(text: str, keys: list[str]) -> dict[str, Any]:
         raise ArgumentError(
             f"objects is {given['objects']!r}; expected a list, as objects=[cube,cube,bowl:pot]"
         )
-    folder = Path(str(given["out"]))
-    if folder.is_absolute() or not all(part.isidentifier() for part in folder.parts):
+    if not isinstance(given["name"], str):
+        raise ArgumentError(f"name is {given['name']!r}; expected small letters, digits and _")
+    folder = Path(given["out"]) if isinstance(given["out"], str) else Path("/")
+    if folder.is_absolute() or not folder.parts or not all(part.isidentifier() for part in folder.parts):
         raise ArgumentError(f"out is {given['out']!r}; expected a folder below this one, as my_tasks")
+    there = find_spec(folder.parts[0])  # a module of that name would be found in place of what is written
+    if there is not None and Path.cwd() not in Path(there.origin or Path.cwd() / "here").parents:
+        raise ArgumentError(
+            f"out is {given['out']!r}, and {folder.parts[0]!r} is a module of Python's; choose another"
+        )
     if type(given["episodes"]) is not int or given["episodes"] < 0:
         raise ArgumentError(f"episodes is {given['episodes']!r}; expected 0 or more")
     if of_model and given["brain"] is None:

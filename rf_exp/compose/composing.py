@@ -15,6 +15,7 @@ from rf_exp.artifacts import write_text
 from rf_exp.compose.layout import laid_out
 from rf_exp.compose.sentence import Sentence, read
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.installed import CONF
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.shared import circle
@@ -125,7 +126,9 @@ def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed
     """
     if not _NAME.fullmatch(name):
         raise ArgumentError(f"name is {name!r}; expected small letters, digits and _")
-    specs = things_of(objects)
+    if name == "all" or any((CONF / folder / f"{name}.yaml").exists() for folder in ("task", "task/family")):
+        raise ArgumentError(f"name is {name!r}, which task={name} means already; choose another one")
+    text, specs = " ".join(text.split()), things_of(objects)
     if not specs:
         raise ArgumentError(f"objects is empty; available: {', '.join(assets.available())}")
     said, specs = _understood(text, specs)

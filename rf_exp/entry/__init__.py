@@ -6,6 +6,7 @@ rf-exp doctor               as python -m rf_exp.doctor
 
 import runpy
 import sys
+from difflib import get_close_matches
 
 COMMANDS = ("client", "compose", "data", "demonstration", "doctor", "gallery", "laws", "rescue", "verify")
 
@@ -16,6 +17,9 @@ def main() -> int:
         # Nothing else is imported for it: the doctor also speaks where packages are missing.
         runpy.run_module(f"rf_exp.{sys.argv.pop(1)}", run_name="__main__", alter_sys=True)
         return 0
+    if sys.argv[1:] and (meant := get_close_matches(sys.argv[1], COMMANDS, 1, 0.7)):
+        print(f"wrong argument: {sys.argv[1]!r} is not understood; did you mean {meant[0]}?", file=sys.stderr)
+        return 2
     from rf_exp.run import command
 
     return command()

@@ -98,7 +98,8 @@ def keys_of_files() -> Mapping[str, str]:
         for path in sorted((*(CONF / group).glob("*.yaml"), *(CONF / group / "family").glob("*.yaml"))):
             for key in inner(content(path)):
                 found.setdefault(f"{group}.{key}", f"{group}={path.stem}")
-    return found
+    every = [key for key in inner(content(CONF / "variation" / "none.yaml")) if key != "name"]
+    return found | {f"{package}.{key}": "" for package in ("variation", "evaluated") for key in every}
 
 
 def no_key(key: str, possible: Iterable[str], where: str = "") -> str:
@@ -119,7 +120,8 @@ def not_among_files(key: str) -> str:
 def keys_are_in() -> str:
     """Where a person finds those that are there."""
     files = " and ".join(shown(path) for path in ALWAYS)
-    return f"The keys are in {files}, those of tasks in {shown(CONF / 'task')}"
+    tasks, scenes = shown(CONF / "task"), shown(CONF / "variation" / "none.yaml")
+    return f"The keys are in {files}, those of tasks in {tasks}, those of scenes that vary in {scenes}"
 
 
 def shown(path: Path) -> str:

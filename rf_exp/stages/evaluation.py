@@ -12,7 +12,7 @@ import torch
 
 from rf_exp import ablation, policy, recording, sim
 from rf_exp.ablation import EvaluationRow, GenerationRow
-from rf_exp.artifacts import code, sweep, whole
+from rf_exp.artifacts import code, expect_same, plain, sweep, whole
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator, Settings
 from rf_exp.findings import Account
@@ -40,6 +40,7 @@ class Learned:
     provenance: dict[str, Any]  # as it is recorded beside the rows
     core_s: float = 0.0  # CPU seconds of learning, together
     queries: int = 0  # proposals that the expert was asked for
+    disturbance_rad: float = 0.0  # of the demonstrations
 
 
 def acting(cell: Cell) -> Policies:
@@ -65,10 +66,17 @@ def learned(cell: Cell) -> Learned:
         made[folder.name] = policy.provenance(folder)
         policy.expect_policy(folder, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
-    said = {"data": next(iter(made.values()))["data"], "weights": weights}
+    data = next(iter(made.values()))["data"]
+    brain, remedy = (
+        cell.settings.brain.identity,
+        "say the brain of its demonstrations, or choose another out=FOLDER",
+    )
+    of_data = {"brain": data["identity"].get("brain", brain)}  # what was imported has none
+    expect_same(cell.policy_path, of_data, plain({"brain": brain}), remedy)
+    said, disturbed = {"data": data, "weights": weights}, data["identity"].get("disturbance_rad", 0.0)
     corrections = [cell.after(k + 1).correction_path for k in range(experiment.dagger.rounds)]
     queries = sum(row.attempts for path in corrections for row in ablation.read_rows(path, GenerationRow))
-    return Learned(said, sum(map(policy.cost_s, folders)), queries)
+    return Learned(said, sum(map(policy.cost_s, folders)), queries, disturbed)
 
 
 @lru_cache(maxsize=1)  # once a process; a finished folder never changes
@@ -226,7 +234,7 @@ def _row(cell: Cell, limit: int, learned: Learned, result: Rollout, wall_s: floa
         version=cell.task.version,
         commit=code(),
         observation=foreign.observation if foreign else experiment.policy.observation,
-        disturbance_rad=0.0 if foreign else experiment.disturbance_rad,
+        disturbance_rad=learned.disturbance_rad,
         shield=experiment.shield,
         recipe=experiment.method,
         core_s=round(learned.core_s, 1),

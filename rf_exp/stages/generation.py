@@ -189,7 +189,7 @@ def _record(cell: Cell, seeds: Sequence[int]) -> None:
     settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
     sweep(cell.recording_path("generate", 0).parent)
     for seed in seeds:
-        path = cell.recording_path("generate", seed)
+        path = cell.recording_path(f"generate-{cell.data_path.stem}", seed)
         if path.exists():
             continue
         # What depth cameras see decides the plan, so of that pictures keep their size.

@@ -24,11 +24,16 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
     """The store of `copies` of each episode of another, those of one episode side by side.
 
     `task` is that of the other. Goes on where it was left. Depth and segmentation are not kept. Raises
-    ArgumentError for a variation that pictures do not show, or that would have moved something, StageError
-    where something else is there.
+    ArgumentError for a task of other scenes, and for a variation that pictures do not show, or that would
+    have moved something, StageError where something else is there.
     """
     if copies < 2:
         raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
+    if source.identity.get("scene", task.identity) != plain(task.identity):
+        raise ArgumentError(
+            f"{source.path} is of other scenes than the task has now; say with which variation it was "
+            "generated, or generate again"
+        )
     if other := [name for name in PHYSICAL if getattr(task.variation, name) != getattr(variation, name)]:
         raise ArgumentError(
             f"variation {variation.name!r} has another {' and another '.join(other)} than the demonstrations"

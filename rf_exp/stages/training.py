@@ -112,7 +112,9 @@ def correct(cell: Cell) -> None:
     Raises StageError where the policies of the round before were made otherwise.
     """
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
-    before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
+    # In the scenes in which the expert takes over, whatever the policies are evaluated in.
+    acts = replace(experiment.after(rounds - 1), shield=False, evaluated=cell.task.variation)
+    before = replace(cell, experiment=acts)
     policies = acting(before)
     provenance = cell.correction_identity(policies.step_limit, learned(before).provenance)
     data, demos = demonstrations(before)
@@ -154,8 +156,8 @@ def _corrected(
     moved = np.flatnonzero(np.any(sent_on(qpos, commands)[1:], axis=1)) + 1
     moment = int(np.random.default_rng([seed, CORRECTION]).choice(moved)) if len(moved) else 0
     asked = 0
-    for again in range(MOMENTS):
-        outcome = expert(seed, lead=commands[: moment >> again])
+    for lead in dict.fromkeys(moment >> again for again in range(MOMENTS)):
+        outcome = expert(seed, lead=commands[:lead])
         asked += outcome.attempts
         if outcome.success:
             break

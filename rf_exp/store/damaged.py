@@ -9,7 +9,8 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from rf_exp.store.integrity import Damage, opened, refuse_access, require_file
+from rf_exp.errors import refuse_access
+from rf_exp.store.integrity import Damage, opened, require_file
 from rf_exp.store.layout import array_of, assembled, empty_like, layout, rows_a_file, view
 from rf_exp.store.store import Store
 from rf_exp.types import Episode

@@ -5,7 +5,6 @@ there, before anything is read or allocated. What is no store of this project is
 decoding a value, so that nothing sound is ever called damaged.
 """
 
-import errno
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -16,7 +15,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from rf_exp.errors import RfError, StageError
+from rf_exp.errors import RfError, StageError, refuse_access
 from rf_exp.store.layout import (
     FORMAT,
     Description,
@@ -40,7 +39,6 @@ SHOWN = 8  # arrays that are named
 BUFFER_KIND = "laid out as a replay buffer of Diffusion Policy"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 FILES = {HDF5: "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
-REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
 class Damage(StageError):
@@ -65,16 +63,6 @@ def decoding(path: Path, refused: Callable[[str], StageError]) -> Iterator[None]
 def blames(path: Path, what: str, rescuable: bool = True) -> AbstractContextManager[None]:
     """Turns what a decoder raises on damaged bytes into Damage."""
     return decoding(path, lambda why: damaged(path, f"{what} {why}", rescuable))
-
-
-def refuse_access(path: Path, error: Exception) -> None:
-    """Raises StageError where it is the system that does not let something be read."""
-    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
-        why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
-        raise StageError(
-            f"{path} cannot be read now: {why}; nothing is known to be wrong with it: see to that, "
-            "and run the same command again"
-        ) from error
 
 
 def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:

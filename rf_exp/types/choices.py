@@ -1,5 +1,6 @@
 """What is chosen for an experiment: constraints, architecture, cameras, and what a scene looks like."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -103,8 +104,8 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         for name in ("velocity_rad_s", "acceleration_rad_s2"):
-            if getattr(self, name) <= 0:
-                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be positive")
+            if not 0 < getattr(self, name) < math.inf:
+                raise ArgumentError(f"limits.{name} is {getattr(self, name)}; it must be positive and finite")
 
 
 # what a scene looks like

@@ -18,8 +18,13 @@ FEW = {"workers": 1, "render": "false", "recordings": 0, "wandb": "disabled"}  #
 def published(path: Path, seeds: int) -> tuple[GenerationRow, ...]:
     """The first rows of a published file.
 
-    Raises ArgumentError for rows of policies, whose weights are not published, and of a model's plans.
+    Raises ArgumentError for rows of policies, whose weights are not published, and of a model's plans, where
+    there is no file, and for fewer than one row.
     """
+    if seeds < 1:
+        raise ArgumentError(f"--seeds is {seeds}; expected 1 or more")
+    if not path.is_file():
+        raise ArgumentError(f"there is no file {path}; published rows are results/**/*.tsv")
     try:
         rows = read_published(path, GenerationRow).rows
     except (ArgumentError, StageError) as error:

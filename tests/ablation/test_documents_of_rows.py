@@ -8,7 +8,7 @@ from statistics import fmean
 
 import pytest
 
-from rf_exp.ablation import PUBLISHED, GenerationRow, Results, load, read_rows
+from rf_exp.ablation import PUBLISHED, EvaluationRow, GenerationRow, Results, load, read_rows
 from rf_exp.command import CONF
 from rf_exp.tasks import Task, Variation
 from tests.ablation.conftest import evaluation
@@ -31,11 +31,10 @@ def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.
     assert told == shown, "run: python docs/policies.py"
 
 
-def test_the_page_of_robustness_is_what_its_script_writes() -> None:
+def test_the_pages_of_robustness_are_what_their_script_writes() -> None:
     script = runpy.run_path(str(DOCS / "robustness.py"))
-    assert script["PAGE"].read_text("utf-8") == script["document"](load(DOCS.parent)), (
-        "run: python docs/robustness.py"
-    )
+    for path, written in script["documents"](load(DOCS.parent)).items():
+        assert path.read_text("utf-8") == written, "run: python docs/robustness.py"
 
 
 def test_the_page_of_scaling_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,8 +60,12 @@ def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_
     assert set(told) == {f"`{each.name}`" for each in fields(Variation) if each.name != "name"}
     rows = evaluation("lift_barrier", "separate_local", 150, 2, 1, recipe="fast")
     rows += evaluation("lift_barrier", "separate_local", 150, 1, 2, recipe="fast", variation="light")
-    assert "Nothing yet" in script["document"](Results(evaluation=tuple(rows[:3])))
-    page = script["document"](Results(evaluation=tuple(rows)))
+
+    def page_of(rows: list[EvaluationRow]) -> str:
+        return script["documents"](Results(evaluation=tuple(rows)))[DOCS / "robustness.md"]
+
+    assert "Nothing yet" in page_of(rows[:3])
+    page = page_of(rows)
     assert "Nothing yet" not in page and "| Lift Barrier | fast | none | 150 | light | **33.3 %**" in page
 
 

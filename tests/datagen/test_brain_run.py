@@ -69,7 +69,7 @@ def test_a_run_with_a_model_is_repeated_without_it_and_keeps_no_key(lift_barrier
     assert "1 repairs, 1 refusals: unreached 1" in asked.stdout
     assert f"exchanges in {live}/exchanges/openai+gpt-4o/lift_barrier/full" in asked.stdout
     assert len(server.requests) == 7  # the recording made the first episode again without asking
-    assert (live / "recordings/lift_barrier/full/generate-0.rrd").exists()
+    assert (live / "recordings/lift_barrier/full/generate-fast-by-openai+gpt-4o-0.rrd").exists()
     assert holds(live, "wrong key [key]") and not holds(live, KEY)
     assert KEY not in asked.stdout + asked.stderr
 

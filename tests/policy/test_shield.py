@@ -268,10 +268,13 @@ def play(shield: Shield, scene: Scene, ahead, steps: int = 20) -> list[Decision]
 
 
 def test_who_holds_one_thing_together_waits_together() -> None:
+    """And neither retracts alone."""
     plans = [to(REACHING), to(REST, REACHING)]
     for held, who in ((("barrier", None), {2}), (("barrier", "barrier"), {1, 2})):
-        _, told, _ = run(PAIR, plans, 40, held=held, poses=far_away(PAIR))
+        _, told, _ = run(PAIR, plans, 120, held=held, poses=far_away(PAIR))
         assert next(step.withheld.keys() for step in told if step.withheld) == who
+        if len(who) == 2:
+            assert all({*(step.withheld or ())} in (set(), who) for step in told)
 
 
 def far_away(task: Task) -> dict[str, NDArray[np.float64]]:

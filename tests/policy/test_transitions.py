@@ -48,6 +48,17 @@ def test_each_agent_waits_for_itself() -> None:
     ]
 
 
+def test_where_no_subgoal_has_half_of_the_sum_it_goes_on_at_the_likeliest() -> None:
+    transitions = TransitionIntegrator(1.0)
+    chances = predicted(0.45, *[0.15] * 5, 0.25)
+    found = [transitions(chances) for _ in range(3)]
+    assert [(int(numbers[0]), bool(free[0])) for numbers, free in found] == [
+        (5, False),
+        (5, False),
+        (5, True),
+    ]
+
+
 @pytest.mark.parametrize(("ahead", "number"), [(0.21, 1), (0.19, 0)])
 def test_it_goes_on_at_the_later_subgoal_if_half_of_its_chances_are_there(ahead: float, number: int) -> None:
     transitions = TransitionIntegrator(1.0)

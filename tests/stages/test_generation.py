@@ -151,7 +151,7 @@ def test_what_a_kill_left_half_written_is_removed(command, tmp_path) -> None:
     assert len(list(tmp_path.rglob("*.partial"))) == 1
     assert command(*arguments[:-2], "recordings=1", *arguments[-2:]).returncode == 0
     assert not list(tmp_path.rglob("*.partial"))
-    assert [path.name for path in (tmp_path / "recordings").rglob("*.*")] == ["generate-0.rrd"]
+    assert [path.name for path in (tmp_path / "recordings").rglob("*.*")] == ["generate-fast-0.rrd"]
 
 
 @pytest.mark.slow

@@ -180,9 +180,10 @@ def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
     path = cell_of(small).generation_path
     before = path.read_bytes()
     generate_data(cell_of(replace(small, recordings=2)))
-    assert [each.name for each in folder.glob("*.rrd")] == ["generate-0.rrd"]
+    first, second = (f"generate-{cell_of(small).data_path.stem}-{seed}.rrd" for seed in (0, 1))
+    assert [each.name for each in folder.glob("*.rrd")] == [first]
     generate_data(cell_of(replace(small, recordings=(1,))))
-    assert {each.name for each in folder.glob("*.rrd")} == {"generate-0.rrd", "generate-1.rrd"}
+    assert {each.name for each in folder.glob("*.rrd")} == {first, second}
     assert path.read_bytes() == before
 
 

@@ -20,7 +20,7 @@ APPEARANCE = read_variation("appearance")
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """Two demonstrations in the clean world."""
+    """Two demonstrations in nominal scenes."""
     out = tmp_path_factory.mktemp("redrawing")
     (found,) = cells(experiment(*SMALL, f"out={out}", "demos=2", "stages=[generate]", "wandb=disabled"))
     generate_data(found)
@@ -102,6 +102,14 @@ def test_what_was_interrupted_goes_on(cell: Cell, tmp_path: Path, monkeypatch: p
 def test_what_pictures_do_not_show_is_refused(cell: Cell, tmp_path: Path, variation, copies, said) -> None:
     with pytest.raises(ArgumentError, match=said):
         redraw(Store.open(cell.data_path), tmp_path / "x.zarr", cell.task, variation, copies)
+    assert not (tmp_path / "x.zarr").exists()
+
+
+def test_a_store_of_other_scenes_is_refused(cell: Cell, tmp_path: Path) -> None:
+    """Also where what is drawn anew is said to be what the demonstrations had, as training says it."""
+    moved = replace(cell.task, variation=Variation("none", base_position_m=0.02))
+    with pytest.raises(ArgumentError, match="is of other scenes than the task has now"):
+        redraw(Store.open(cell.data_path), tmp_path / "x.zarr", moved, moved.variation, 2)
     assert not (tmp_path / "x.zarr").exists()
 
 

@@ -19,6 +19,7 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import HAND
 from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.observation_spec import (
+    CHANGES,
     EMPTY_M,
     Memory,
     ObservationSpec,
@@ -71,7 +72,7 @@ class TransitionIntegrator:
         for agent in np.flatnonzero(reached):
             *subgoals, leaves = self._sums[agent]
             likely = np.flatnonzero(np.array(subgoals) >= leaves / 2)
-            numbers[agent] = max(numbers[agent], *likely)
+            numbers[agent] = max([numbers[agent], *likely])
         return numbers, free | reached
 
 
@@ -289,7 +290,7 @@ class DiffusionRunner(PolicyRunner):
         From where they are the hand hides what they have missed, and what was seen wrong is seen so again.
         """
         grippers, shuts = self._episode.grippers, self.spec.shuts
-        meant = [bool(shuts) and grippers.changes[row] in shuts[row] for row in self._rows]
+        meant = [bool(shuts) and min(grippers.changes[row], CHANGES) in shuts[row] for row in self._rows]
         return (~grippers.opened & (self._episode.widths < EMPTY_M))[self._rows] & ~np.array(meant)
 
     def _home(self) -> NDArray[np.float64]:

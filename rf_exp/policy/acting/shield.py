@@ -279,8 +279,8 @@ class Shield:
             return False
         left_rad = np.abs(lookahead.ahead[other][:, :ARM_JOINTS] - self._given[other - 1, :ARM_JOINTS])
         back = other if left_rad.max() < STANDS_RAD and self._last_back != other else agent
-        way = self._way_back(back)
-        if self._waited[agent] % (2 * WAIT_LIMIT_STEPS) or self._back or not len(way):
+        way, carries = self._way_back(back), len(lookahead.holding_with(back)) > 1  # with others, who stay
+        if self._waited[agent] % (2 * WAIT_LIMIT_STEPS) or self._back or carries or not len(way):
             return True
         self._back[back], self._last_back = way, back
         self._waited[agent] = 0

@@ -92,7 +92,7 @@ def may_go(
     """(T, N) of one episode with measured joints (T, N, 9) and commands (T, N, 8), intended and executed."""
     busy = sent_on(qpos, action) | hesitates(action, executed)
     changed = np.diff(gripper_of(action) > 0, axis=0, prepend=True)
-    for late in range(GRIPPING_STEPS):
+    for late in range(min(GRIPPING_STEPS, len(changed))):
         busy[late:] |= changed[: len(changed) - late]
     later = np.maximum.accumulate(np.any(busy, axis=1)[::-1])[::-1]  # somebody moves now or later
     free = busy | ~later[:, None]

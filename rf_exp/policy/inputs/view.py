@@ -1,4 +1,4 @@
-"""The paper's four architectures (section 4.2), and one of ours, as views of one data set.
+"""The paper's four architectures (section 4.2), and two of ours, as views of one data set.
 
 A stream is what one sample shows and commands: the pictures of one camera and one or more agents. A
 policy learns from all streams of its view together and acts through each of them at rollout.

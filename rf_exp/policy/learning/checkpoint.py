@@ -35,7 +35,7 @@ from rf_exp.artifacts import (
     whole,
     write_json,
 )
-from rf_exp.errors import ArgumentError, StageError
+from rf_exp.errors import ArgumentError, StageError, refuse_access
 from rf_exp.policy.config import LEARNER, MODEL, PolicyConfig
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
 from rf_exp.policy.inputs.view import View
@@ -89,9 +89,11 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 def _opened(path: Path) -> Iterator[Any]:
     """A safetensors file; whatever damaged bytes lead to is a StageError that names it."""
     try:
+        path.open("rb").close()  # safetensors does not say why it cannot
         with safe_open(path, "pt") as file:
             yield file
     except Exception as error:
+        refuse_access(path, error)
         raise _damaged(path, str(error)) from error
 
 
