@@ -20,7 +20,7 @@ from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, requi
 from rf_exp.types import LARGEST_PX
 
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 11
+LEARNER = 10
 MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
@@ -109,7 +109,7 @@ class DiffusionConfig(HeadConfig):
     trunk: tuple[int, ...] = bounded(above=0, expected="numbers above 0")  # hidden layers before the U-Net
     channels: tuple[int, ...] = bounded()  # of the levels of the U-Net
     train_timesteps: int = bounded(1000, above=0)
-    prediction: str = one_of("epsilon", "sample")
+    prediction: str = one_of("epsilon", "sample", "v_prediction")
     loss: str = one_of("mse", "l1")
     noise_draws: int = bounded(1024, above=0)  # for each window in a batch
     sampler: str = one_of("ddpm", "ddim", acting=True)
@@ -245,6 +245,8 @@ class PolicyConfig(Checked):
     horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
     observation_steps: int = bounded(64, above=0)
     phase_dropout: float = bounded(least=0, below=1)
+    # On normalised joint positions in training, one draw a window.
+    proprio_noise: float = bounded(1e3, least=0)
     # Standard deviation of another start of each joint, see `rf_exp.policy.examples.starts`.
     start_offset_rad: float = bounded(1.0, least=0)
     # Side, as a part of the picture's.

@@ -34,7 +34,7 @@ def test_lists_become_tuples() -> None:
         ({"head.diffusion.sampler": "euler"}, "unknown sampler 'euler'; available: ddim, ddpm"),
         (
             {"head.diffusion.prediction": "x"},
-            "unknown prediction 'x'; available: epsilon, sample",
+            "unknown prediction 'x'; available: epsilon, sample, v_prediction",
         ),
         ({"horizon": 6}, "horizon is 6; expected a multiple of 4"),
         ({"horizon": 0}, "horizon is 0; expected a number above 0"),

@@ -124,7 +124,7 @@ def sampled(policy: Policy, rows: int) -> torch.Tensor:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("prediction", ["epsilon", "sample"])
+@pytest.mark.parametrize("prediction", ["epsilon", "sample", "v_prediction"])
 @pytest.mark.parametrize("sampler", ["ddpm", "ddim"])
 def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: str) -> None:
     torch.manual_seed(0)

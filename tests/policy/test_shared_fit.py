@@ -24,7 +24,7 @@ DIFFUSION: dict[str, Any] = {
     **{"trunk": (24,), "prediction": "sample", "noise_draws": 3},
 }
 OTHERWISE: dict[str, Any] = {  # in all that the encoder does not depend on
-    **{"encoder.keypoints.noise": 0.01, "horizon": 16, "observation_steps": 1},
+    **{"encoder.keypoints.noise": 0.01, "horizon": 16, "observation_steps": 1, "proprio_noise": 0.1},
     **{"relative_actions": False, "task_space_actions": False, "binary_grippers": True, "phase_dropout": 0.1},
     **{f"head.diffusion.{key}": value for key, value in DIFFUSION.items()},
     **{"head.name": "refined", "head.regression.hidden": (48,), "head.regression.dropout": 0.2},

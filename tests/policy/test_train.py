@@ -38,7 +38,7 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.learning.checkpoint import CONFIG, STATE, read_tensors, write_tensors
 from rf_exp.policy.learning.training import learning_rate
-from rf_exp.policy.networks.heads import DiffusionHead, RefinedHead
+from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.store import Store
 from tests.children import small_files
 from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training, training_of, varied
@@ -249,7 +249,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_does_not(
     assert first != other
 
 
-LOSSES = {11: {"compact": -3.78668, "keypoints": 1.01341, "privileged": -3.31499}}
+LOSSES = {10: {"compact": -3.78668, "keypoints": 1.06927, "privileged": -3.31499}}
 CHANGES: dict[str, dict[str, Any]] = {
     "compact": {},
     "keypoints": {
@@ -271,32 +271,6 @@ def test_the_version_of_the_learner_stands_for_what_it_learns(
     folder = train(store, LOCAL, config, replace(train_config, log_every=2), tmp_path / kind)
     logs = sum(math.log(float(row["loss"])) for row in rows(folder))  # each of them counts alike
     assert logs == pytest.approx(LOSSES[LEARNER][kind], abs=2e-3)
-
-
-@pytest.mark.slow
-def test_a_late_fit_is_averaged_as_an_early_one_is(
-    store: Store, policy_config: PolicyConfig, train_config: TrainConfig
-) -> None:
-    """Of how it began, as little is left after many steps of an earlier fit as after none."""
-    refined = {"head.name": "refined", "head.regression.hidden": (32,), "head.refined.regression_steps": 200}
-    seen = {"encoder.name": "privileged", "context": True, "head.diffusion.prediction": "sample"}
-    config, steps = varied(policy_config, seen | refined), 60
-    windows = Windows(store, LOCAL, config, torch.device("cpu"))
-    training = Training(windows, LOCAL, config, replace(train_config, steps=steps, epochs=None))
-
-    def weights() -> torch.Tensor:
-        head = training.policy.head
-        assert isinstance(head, RefinedHead)
-        return torch.cat([each.detach().flatten().clone() for each in head.diffusion.parameters()])
-
-    while training.step_number < 200:
-        training.step()
-    began = weights()
-    while not training.done:
-        training.step()
-    last, _ = weights(), training.averaged()
-    averaged = weights()
-    assert (last - averaged).norm() < 0.3 * (last - began).norm()
 
 
 @pytest.mark.slow

@@ -44,7 +44,7 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
-SHIELD_VERSION = "2"  # of what it decides
+SHIELD_VERSION = "3"  # of what it decides
 WAIT_LIMIT_STEPS = 20  # of waiting, until something else is tried
 BACK_STEPS = 20  # of its own way that an arm retracts at most
 STRIDE_RAD = 0.04  # in a control step, of an arm that draws aside without a way that it came

@@ -269,7 +269,9 @@ class Training:
             weight.requires_grad_(id(weight) in learned)
         average = self._ema([self._parameters[k] for k in chosen])
         average.shadow_params = [self._average.shadow_params[k] for k in chosen]
-        average.optimization_step = self.step_number - self._bounds[self._current]  # it warms up anew
+        # It does not warm up anew, so of a late and short fit, as that of the U-Net of `fast`, nearly half of
+        # how it began stays. Warmed up anew, Take Photo succeeds less often (docs/recipe_ablation.md).
+        average.optimization_step = self.step_number
         self._learned = average, [self._parameters[k] for k in chosen]
 
     def _settle(self) -> None:

@@ -229,7 +229,9 @@ class DiffusionHead(Head):
         table = self.unet.film_of_steps(torch.arange(count, device=device))
         projected = self.unet.film_of_observations(self.trunk(condition))
         film = table[steps] + projected.repeat_interleave(draws, dim=0)
-        target = {"epsilon": noise, "sample": clean}[self._config.prediction]
+        target = {"epsilon": noise, "sample": clean}.get(self._config.prediction)
+        if target is None:
+            target = self.scheduler.get_velocity(clean, noise, steps)  # pyright: ignore[reportArgumentType]
         error = functional.mse_loss if self._config.loss == "mse" else functional.l1_loss
         return error(self._predicted(noisy, film, given).float(), target)
 

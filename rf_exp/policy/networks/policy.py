@@ -1,8 +1,8 @@
 """A policy: pictures and joint positions in, a chunk of actions out, by an encoder and a head.
 
 The condition of the head is [features, joint positions, context] of each observed frame, oldest first, each
-scaled to its range in the demonstrations. The predictor of transitions and the goal gate, where they are, and
-an encoder that is not learned alone learn with the first fit of the head.
+scaled to its range in the demonstrations. The predictor of transitions and the goal gate, where they are,
+learn with the first fit of the head.
 """
 
 from collections.abc import Callable
@@ -146,20 +146,17 @@ class Policy(nn.Module):
 
     def fits(self, examples: Windows) -> list[Fit]:
         """How it is learned, one fit after the other: an encoder that can be learned alone, then the head."""
-        found, config = list[Fit](), self.config
+        found, joined, config = [], [self.encoder], self.config
         if (first := self.encoder.fit(examples)) is not None:
             picture = [config.height, config.width]
             shared = first.shared and {name_of(config.encoder): first.shared, "picture": picture}
             settle = partial(self._settle_encoder, examples, first.settle)
-            found = [replace(first, settle=settle, shared=shared)]
-        # What all fits of the head build on is learned with the first, and does not move under the others.
-        joined = [self.gate, *([] if found else [self.encoder])]
-        beside = self.transitions
-        for fit in self.head.fits():
-            if fit.steps != 0:
-                parts = [*fit.parts, *(part for part in (beside, *joined) if part)]
-                found.append(replace(fit, parts=parts, loss=partial(self._loss, examples, fit, beside)))
-                beside, joined = None, []
+            found, joined = [replace(first, settle=settle, shared=shared)], []
+        for number, fit in enumerate(fit for fit in self.head.fits() if fit.steps != 0):
+            beside = self.transitions if number == 0 else None
+            gate = self.gate if number == 0 else None
+            parts = [*fit.parts, *(part for part in (beside, gate) if part), *joined]
+            found.append(replace(fit, parts=parts, loss=partial(self._loss, examples, fit, beside)))
         return found
 
     def _loss(self, examples: Windows, fit: Fit, beside: TransitionPredictor | None, draw: Draw) -> Tensor:
@@ -187,13 +184,18 @@ class Policy(nn.Module):
 
     def _observed(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """Features (B, O, F), proprioception and context of a batch, with the noise of training on them."""
-        features, proprio = batch.features, batch.proprio
+        features, proprio, device = batch.features, batch.proprio, batch.proprio.device
         if features is None:
             features = proprio.new_zeros(*batch.frames.shape, 0)
             if self.encoder.features:
                 features = self.encode(batch.pictures, batch.rays)[batch.frames]
         if batch.hands is not None:
             features = self.encoder.moved(features, batch.hands)
+        if noise := self.config.proprio_noise:
+            # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
+            # its own pose.
+            shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
+            proprio = proprio + noise * self.normaliser.proprio.radius * shift
         return self.encoder.perturbed(features, generator), proprio, batch.context
 
     # -- both ----------------------------------------------------------------------------------------
