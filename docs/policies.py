@@ -342,9 +342,8 @@ def gated(tables: Cells) -> str:
         for (task, arch, demos), group in tables.items()
         if (arch, demos) == (BASELINE_ARCH, paper().demos[-1])
     }
-    with_it = [task for task, group in of_most.items() if learned_with(group[0], "policy.goal_gate")]
-    *names, last = [title_of(task, configured()) for task in with_it]
-    return f"{', '.join(names)} and {last}" if names else last
+    with_it = (task for task, group in of_most.items() if learned_with(group[0], "policy.goal_gate"))
+    return ", ".join(title_of(task, configured()) for task in with_it)
 
 
 def rate(group: Sequence[EvaluationRow]) -> float:

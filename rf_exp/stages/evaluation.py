@@ -67,12 +67,11 @@ def learned(cell: Cell) -> Learned:
         policy.expect_policy(folder, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     data = next(iter(made.values()))["data"]
-    brain, remedy = (
-        cell.settings.brain.identity,
-        "say the brain of its demonstrations, or choose another out=FOLDER",
-    )
-    of_data = {"brain": data["identity"].get("brain", brain)}  # what was imported has none
-    expect_same(cell.policy_path, of_data, plain({"brain": brain}), remedy)
+    if (brain := data["identity"].get("brain")) is not None:  # what was imported has none
+        remedy = "say the brain of its demonstrations, or choose another out=FOLDER"
+        expect_same(
+            cell.policy_path, {"brain": brain}, plain({"brain": cell.settings.brain.identity}), remedy
+        )
     said, disturbed = {"data": data, "weights": weights}, data["identity"].get("disturbance_rad", 0.0)
     corrections = [cell.after(k + 1).correction_path for k in range(experiment.dagger.rounds)]
     queries = sum(row.attempts for path in corrections for row in ablation.read_rows(path, GenerationRow))

@@ -29,7 +29,8 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
     """
     if copies < 2:
         raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
-    if source.identity.get("scene", task.identity) != plain(task.identity):
+    now = plain(task.identity)
+    if source.identity.get("scene", now) != now:  # what was imported has none, and is refused below
         raise ArgumentError(
             f"{source.path} is of other scenes than the task has now; say with which variation it was "
             "generated, or generate again"
