@@ -146,7 +146,8 @@ def test_a_misspelt_key_is_refused_with_the_file_it_stands_in(command, own, tmp_
         assert f"here is no key {key!r} in {own / file}.yaml; did you mean {near}?" in said
     assert said.count("no key") == 11
     assert said.endswith(
-        "The keys are in conf/config.yaml and conf/policy/paper.yaml, those of tasks in conf/task"
+        "The keys are in conf/config.yaml and conf/policy/paper.yaml, those of tasks in conf/task, "
+        "those of scenes that vary in conf/variation/none.yaml"
     )
     assert not list(tmp_path.glob("out/data/*"))
 

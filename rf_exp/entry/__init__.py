@@ -8,6 +8,8 @@ import runpy
 import sys
 from difflib import get_close_matches
 
+from rf_exp.texts import shown
+
 COMMANDS = ("client", "compose", "data", "demonstration", "doctor", "gallery", "laws", "rescue", "verify")
 
 
@@ -18,7 +20,8 @@ def main() -> int:
         runpy.run_module(f"rf_exp.{sys.argv.pop(1)}", run_name="__main__", alter_sys=True)
         return 0
     if sys.argv[1:] and (meant := get_close_matches(sys.argv[1], COMMANDS, 1, 0.7)):
-        print(f"wrong argument: {sys.argv[1]!r} is not understood; did you mean {meant[0]}?", file=sys.stderr)
+        refusal = f"wrong argument: {sys.argv[1]!r} is not understood; did you mean {meant[0]}?"
+        print(shown(refusal), file=sys.stderr)
         return 2
     from rf_exp.run import command
 
