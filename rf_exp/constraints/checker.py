@@ -76,6 +76,7 @@ class Monitor:
     def __init__(self, plan: Plan, checks: Sequence[Check]) -> None:
         self._plan, self._checks = plan, checks
         self._lost: dict[int, int] = {}  # agent -> control steps for which it has not held what it should
+        self._reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
 
     def __call__(self, scene: Scene) -> Violation | None:
         plan = self._plan
@@ -90,13 +91,12 @@ class Monitor:
             evidence = check.measured(scene, plan)
             if evidence is not None and not evidence.ok:
                 return violation(check, evidence)
-        return self._struck(scene) or self._dropped(scene) or self._strayed(scene)
-
-    def _struck(self, scene: Scene) -> Violation | None:
-        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
-        plan = self._plan
         now = {agent: plan.position_now(agent, scene) for agent in plan.task.agents}
-        reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
+        return self._struck(scene, now) or self._dropped(scene, now) or self._strayed(scene)
+
+    def _struck(self, scene: Scene, now: Mapping[int, int]) -> Violation | None:
+        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
+        plan, reflex_n = self._plan, self._reflex_n
         forces: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
             (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
         ]
@@ -114,11 +114,11 @@ class Monitor:
         does = plan.doing(agents, [now[agent] for agent in agents])
         return _seen(scene, finding, force_n, bound_n, agents=agents, obstacles=things, doing=does)
 
-    def _dropped(self, scene: Scene) -> Violation | None:
+    def _dropped(self, scene: Scene, now: Mapping[int, int]) -> Violation | None:
         """An agent no longer holds what it should carry."""
         plan = self._plan
         for agent in plan.task.agents:
-            position = plan.position_now(agent, scene)
+            position = now[agent]
             segment = plan.trajectory(agent).segment_at(position) if position > 0 else None
             carried = segment.gripped if segment is not None else None
             holds = carried is None or scene.held[agent - 1] == carried
@@ -136,7 +136,7 @@ class Monitor:
             agent = trajectory.agent
             recent = plan.recent(agent, scene, TRAILS_STEPS)
             path = arm_of(trajectory.path())
-            targets = path[recent.min() : recent.max() + 1]
+            targets = path[recent[0] : recent[-1] + 1]  # nobody goes back along a path
             error = float(np.abs(targets - scene.qpos[agent - 1, : path.shape[1]]).max(axis=1).min())
             if error > TRACKING_RAD:
                 does = plan.doing((agent,), recent[-1:])

@@ -24,6 +24,8 @@ NEAR_M = 0.1  # from spheres that are nearer the distance of two pieces is measu
 
 Load = str | None
 Touches = Callable[[int], frozenset[str]]  # agent -> what its gripper, and what it holds, may touch
+EMPTY: tuple[Load, ...] = (None, None)
+NOTHING = (frozenset[str](), frozenset[str]())
 
 
 @dataclass(frozen=True)
@@ -39,13 +41,13 @@ class _Looked:
 
 def loads_of(scene: Scene, pair: tuple[int, int]) -> tuple[Load, ...]:
     """What two arms hold that is an obstacle to the other one; what they hold together is none."""
-    held = tuple(scene.held[agent - 1] for agent in pair)
-    return held if held[0] != held[1] else (None, None)
+    held = scene.held[pair[0] - 1], scene.held[pair[1] - 1]
+    return held if held[0] != held[1] else EMPTY
 
 
 def may_of(pair: tuple[int, int], loads: tuple[Load, ...], touches: Touches) -> tuple[frozenset[str], ...]:
     """What they may touch; links must always keep apart, so that nothing matters where both are empty."""
-    return tuple(touches(agent) if any(loads) else frozenset[str]() for agent in pair)
+    return NOTHING if loads == EMPTY else (touches(pair[0]), touches(pair[1]))
 
 
 def measured_pair(

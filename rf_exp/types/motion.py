@@ -1,5 +1,6 @@
 """What arms are to do, and when: subgoals, segments, trajectories, schedules."""
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,7 +82,7 @@ class Segment:
         return self.touches | self.subgoal.names
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """All segments of one agent for one proposal, from where it stands now."""
 
@@ -107,7 +108,8 @@ class Trajectory:
         """The segment that ends at or after a path position, beyond all the last; None without segments."""
         if not self.segments:
             return None
-        return self.segments[min(int(np.searchsorted(self.knots[1:], position)), len(self.segments) - 1)]
+        # For every arm in every control step: an array of so few knots would take ten times as long.
+        return self.segments[min(bisect_left(self.knots, position, 1) - 1, len(self.segments) - 1)]
 
     def path(self) -> NDArray[np.float64]:
         """(len + 1, dof + 1): joint target and gripper at each path position; 0 is the start. Read-only."""
