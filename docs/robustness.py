@@ -29,6 +29,7 @@ Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, tr
 MINUTES = "core-minutes"
 DEMOS = 150
 SUITE = ("fast", "robust+full")  # what a reader compares first: learned from usual scenes, from varied ones
+TOGETHER = ("none", "posture", "full")  # the columns of the first table
 
 
 def choices() -> list[str]:
@@ -72,25 +73,41 @@ def measured(results: Results) -> str:
 
 
 def summary(results: Results) -> str:
-    """Strict success in per cent of the suite's two recipes: a line a variation, a column a policy.
+    """Strict success in per cent of the suite's two recipes, a line a policy: nominal, other postures, all.
 
-    Empty where nothing was measured.
+    Empty where nothing was measured in scenes that vary.
     """
-    rates: dict[tuple[str, str], dict[str, list[bool]]] = {}
-    for row in results.evaluation:
-        if is_baseline(row) and not row.shield and row.demos == DEMOS and row.recipe in SUITE:
-            of_policy = rates.setdefault((row.task, row.recipe), {})
-            of_policy.setdefault(row.variation, []).append(row.success)
-    suite = configured()
-    tasks = [task for task in suite if any(len(rates.get((task, recipe), ())) > 1 for recipe in SUITE)]
-    policies = [policy for policy in product(tasks, SUITE) if policy in rates]
+    rates = _rates(results)
+    lines = [
+        [title_of(task, configured()), f"`{recipe.partition('+')[0]}`"]
+        + [_percent(rates[task, recipe].get(name, ())) for name in TOGETHER]
+        for task, recipe in rates
+    ]
+    return table(["task", "recipe", *(f"`{name}`" for name in TOGETHER)], lines) if lines else ""
+
+
+def alone(results: Results) -> str:
+    """The same of scenes that vary in one thing, a line a variation; empty where none was measured."""
+    rates = _rates(results)
+    policies = [policy for policy, of_policy in rates.items() if {*of_policy} - {*TOGETHER}]
     lines = [
         [f"`{name}`", *(_percent(rates[policy].get(name, ())) for policy in policies)]
         for name in choices()
-        if any(name in rates[policy] for policy in policies)
+        if name not in TOGETHER and any(name in rates[policy] for policy in policies)
     ]
-    heading = [f"{title_of(task, suite)}, `{recipe.partition('+')[0]}`" for task, recipe in policies]
+    heading = [f"{title_of(task, configured())}, `{recipe.partition('+')[0]}`" for task, recipe in policies]
     return table(["scenes", *heading], lines) if lines else ""
+
+
+def _rates(results: Results) -> dict[tuple[str, str], dict[str, list[bool]]]:
+    """(task, recipe) -> variation -> successes, of tasks that are measured in more than one variation."""
+    found: dict[tuple[str, str], dict[str, list[bool]]] = {}
+    for row in results.evaluation:
+        if is_baseline(row) and not row.shield and row.demos == DEMOS and row.recipe in SUITE:
+            of_policy = found.setdefault((row.task, row.recipe), {})
+            of_policy.setdefault(row.variation, []).append(row.success)
+    tasks = [task for task in configured() if any(len(found.get((task, recipe), ())) > 1 for recipe in SUITE)]
+    return {policy: found[policy] for policy in product(tasks, SUITE) if policy in found}
 
 
 def _percent(successes: Sequence[bool]) -> str:
@@ -138,6 +155,7 @@ def documents(results: Results) -> dict[Path, str]:
         factors=table(FACTOR, [factor(name) for name in choices()]),
         keys=table(("key", "what it is"), keys()),
         summary=summary(results),
+        alone=alone(results),
         measured=measured(results),
         homing=beside(results, "without_homing", "robust", minutes=False),
     )
