@@ -130,7 +130,13 @@ def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Calla
         def run() -> None:
             register_all_tasks()
             sys.argv[1:] = arranged(sys.argv[1:])
-            by_hydra(explained(main))()
+            try:
+                by_hydra(explained(main))()
+            except OSError as error:  # not of the job: Hydra makes its folder
+                if error.filename is None or disk_full(error):
+                    raise
+                why = f"cannot make {error.filename}: {error.strerror}; choose another folder with out=FOLDER"
+                raise ArgumentError(one_line(why, LONGEST_ERROR)) from error
 
         return run
 
@@ -169,9 +175,8 @@ def _line(error: Exception) -> tuple[int, str]:
         said = one_line(f"{mark.name}, line {mark.line + 1}: {error.problem}", LONGEST_ERROR)
         return 2, f"wrong argument: {said}; it is no YAML"
     if isinstance(error, OSError) and error.filename is not None and not disk_full(error):
-        # Not of the job: Hydra makes its folder.
-        why = one_line(f"cannot make {error.filename}: {error.strerror}", LONGEST_ERROR)
-        return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
+        why = one_line(f"{error.filename}: {error.strerror}", LONGEST_ERROR)
+        return 2, f"wrong argument: {why}"
     if not isinstance(error, RfError):
         error = _unexpected(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
     return 1, f"failed: {error}"

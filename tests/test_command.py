@@ -159,6 +159,11 @@ def test_the_traceback_of_a_job_is_in_its_folder(tmp_path: Path, capsys, monkeyp
     assert "in wrong" in path.read_text()
 
 
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, capsys) -> None:
+    assert guarded(lambda: print(tmp_path.read_text())) == 2
+    assert capsys.readouterr().err == f"wrong argument: {tmp_path}: Is a directory\n"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("out", ["file/out", "file", "/proc/out", "/sys/out"])
 def test_an_out_that_cannot_be_made_is_a_wrong_argument(out: str, tmp_path: Path) -> None:
