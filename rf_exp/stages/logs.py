@@ -1,10 +1,9 @@
 """Weights & Biases: training curves and rates, followed while they come. Offline unless asked otherwise."""
 
-import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -148,11 +147,5 @@ class Follower:
             yield curve, steps
 
     def _rows(self) -> "list[policy.Curve]":
-        if not self._path.exists():
-            return []
-        with self._path.open(newline="") as file:
-            whole = [line for line in file if line.endswith("\n")]  # the last one may be half written
-        kinds: dict[str, Any] = {field.name: field.type for field in fields(policy.Curve)}
-        read = csv.DictReader(whole)
-        rows = (policy.Curve(**{name: kinds[name](value) for name, value in row.items()}) for row in read)
+        rows = policy.read_curves(self._path) if self._path.exists() else []
         return [row for row in rows if row.step > self._step]

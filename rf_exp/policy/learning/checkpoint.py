@@ -39,10 +39,11 @@ from rf_exp.errors import ArgumentError, StageError, refuse_access
 from rf_exp.policy.config import LEARNER, MODEL, PolicyConfig
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
 from rf_exp.policy.inputs.view import View
+from rf_exp.policy.learning.curves import CURVES
 from rf_exp.policy.networks.policy import Policy
 from rf_exp.texts import printable
 
-CONFIG, CURVES, STATE = "config.json", "curves.csv", "state.safetensors"
+CONFIG, STATE = "config.json", "state.safetensors"
 SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
 CHECKSUM = "sha256"
 MATRIX = 1024  # numbers in a tensor from which on halves will do: scales and lenses have fewer

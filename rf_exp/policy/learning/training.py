@@ -12,17 +12,17 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from rf_exp.artifacts import digest, read_json, whole
+from rf_exp.artifacts import digest, read_json
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.examples.windows import Windows
@@ -31,7 +31,6 @@ from rf_exp.policy.inputs.view import View
 from rf_exp.policy.learning.checkpoint import (
     ANEW,
     CONFIG,
-    CURVES,
     MODEL,
     STATE,
     claim,
@@ -40,6 +39,7 @@ from rf_exp.policy.learning.checkpoint import (
     read_tensors,
     write_tensors,
 )
+from rf_exp.policy.learning.curves import CURVES, KINDS, Curve, begin_curves
 from rf_exp.policy.networks.interfaces import Draw
 from rf_exp.policy.networks.policy import Policy
 
@@ -49,41 +49,6 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 ORDER, CROPS, NOISE = range(3)  # streams of random numbers of a training
-
-
-@dataclass(frozen=True)
-class Curve:
-    """How training goes, averaged since the last one: a row of curves.csv."""
-
-    step: int
-    steps: int  # of the whole training
-    epoch: int
-    loss: float
-    learning_rate: float
-    samples_per_s: float  # windows
-    core_s: float  # CPU seconds since the beginning, of all threads
-
-
-COLUMNS = [each.name for each in fields(Curve)]
-
-
-def begin_curves(path: Path, step: int) -> None:
-    """A file of curves with the rows up to `step`: those beyond are of an interrupted run."""
-    kept: list[dict[str, Any]] = []
-    if path.exists():
-        with path.open(newline="") as file:
-            lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
-        kept = [row for row in csv.DictReader(lines) if int(row["step"]) <= step]
-    with whole(path) as draft, draft.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(kept)
-
-
-def cost_s(folder: Path) -> float:
-    """CPU seconds that the training of a policy took."""
-    with (folder / CURVES).open(newline="") as file:
-        return max((float(row["core_s"]) for row in csv.DictReader(file)), default=0.0)
 
 
 def train(
@@ -128,7 +93,7 @@ def train(
         while not training.done:
             curve = training.step()
             if curve is not None:
-                csv.DictWriter(file, COLUMNS).writerow(asdict(curve))
+                csv.DictWriter(file, KINDS).writerow(asdict(curve))
                 file.flush()
                 if progress is not None:
                     progress(curve)
