@@ -1,0 +1,47 @@
+"""The curves of a training: what curves.csv in the folder of its policy holds."""
+
+import csv
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from rf_exp.artifacts import whole
+
+CURVES = "curves.csv"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """How training goes, averaged since the last one: a row of curves.csv."""
+
+    step: int
+    steps: int  # of the whole training
+    epoch: int
+    loss: float
+    learning_rate: float
+    samples_per_s: float  # windows
+    core_s: float  # CPU seconds since the beginning, of all threads
+
+
+KINDS: dict[str, Any] = {each.name: each.type for each in fields(Curve)}
+
+
+def read_curves(path: Path) -> list[Curve]:
+    """The rows that are written whole, also while a training goes on. Raises FileNotFoundError."""
+    with path.open(newline="") as file:
+        lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
+    return [Curve(**{name: KINDS[name](row[name]) for name in KINDS}) for row in csv.DictReader(lines)]
+
+
+def begin_curves(path: Path, step: int) -> None:
+    """A file with the rows up to `step`: those beyond are of an interrupted run."""
+    kept = [curve for curve in read_curves(path) if curve.step <= step] if path.exists() else []
+    with whole(path) as draft, draft.open("w", newline="") as file:
+        writer = csv.DictWriter(file, KINDS)
+        writer.writeheader()
+        writer.writerows(map(asdict, kept))
+
+
+def cost_s(folder: Path) -> float:
+    """CPU seconds that the training of a policy took."""
+    return max((curve.core_s for curve in read_curves(folder / CURVES)), default=0.0)
