@@ -41,7 +41,7 @@ site: setup ## the documents, and pages of the interfaces, as a site: build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict -q
 
 test: setup ## every test, pictures included
-	$(TESTS) $(PICTURED_TESTS)
+	$(TESTS) $(PICTURED_TESTS) --durations=25 --durations-min=10
 
 check: format lint imports site ## the gate before a commit, in 90 seconds on two cores
 	@$(MAKE) --no-print-directory -j 2 --output-sync=target types fast-tests

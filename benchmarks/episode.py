@@ -1,0 +1,64 @@
+"""What an episode costs beside its physics alone: the same commands, stepped again from the same start.
+
+    python benchmarks/episode.py [--tasks lift_barrier,take_photo] [--seeds 3]
+
+Undisturbed episodes of seeds 0, 1, .. without pictures, as the expert makes them: plan, checks, simulation,
+monitor. Then the simulator is reset and takes the commands of the episode once more, and nothing else.
+Processor time of one core, both in one run; a line a task, the last line is JSON.
+"""
+
+import argparse
+import json
+import time
+from statistics import mean
+
+from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.sim import Limited, Simulator
+from rf_exp.tasks import CONFIGURED, Task, read_task
+from rf_exp.types import ConstraintSet
+
+
+def measured(task: Task, seeds: int) -> dict[str, float]:
+    """Mean CPU seconds of an episode, reset included, and of its commands alone; raises ArgumentError."""
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+    episodes_s, physics_s = [], []
+    with Simulator(task, render=False) as world:
+        for seed in range(-1, seeds):  # the first of all fills caches
+            began = time.process_time()
+            maker = EpisodeMaker(settings, Limited(world), settings.make_brain(max(seed, 0)))
+            outcome = maker.make(max(seed, 0))
+            episodes_s.append(time.process_time() - began)
+            if outcome.episode is None:
+                raise ArgumentError(f"{task.name}, seed {seed}: {outcome.reason}")
+            world.reset(max(seed, 0))
+            began = time.process_time()
+            for command in outcome.episode.action.astype(float):
+                world.step(command)
+            physics_s.append(time.process_time() - began)
+    found = {"episode_s": mean(episodes_s[1:]), "physics_s": mean(physics_s[1:])}
+    found["ratio"] = found["episode_s"] / found["physics_s"]
+    return {key: round(value, 3) for key, value in found.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    paths = {path.stem: path for path in sorted(CONFIGURED.glob("*.yaml")) if path.stem != "all"}
+    parser.add_argument("--tasks", default=",".join(paths), help="comma-separated names; default: all")
+    parser.add_argument("--seeds", type=int, default=3)
+    given = parser.parse_args()
+    for name in (names := given.tasks.split(",")):
+        if name not in paths:
+            parser.error(str(choices("task", name, paths)))
+    found = {}
+    for name in names:
+        found[name] = measured(read_task(paths[name]), given.seeds)
+        print(f"{name:26s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()), flush=True)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
