@@ -390,8 +390,9 @@ def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
 
 
 def measured() -> Sequence[EvaluationRow]:
-    """The published rows; those of scenes that vary are told of in docs/robustness.md."""
-    return unvaried(trial(load(ROOT))).evaluation
+    """The published rows of the suite's tasks and robots in usual scenes."""
+    rows, suite = unvaried(trial(load(ROOT))).evaluation, configured()
+    return [row for row in rows if row.task in suite]
 
 
 if __name__ == "__main__":
