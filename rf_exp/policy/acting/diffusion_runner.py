@@ -48,8 +48,9 @@ class TransitionIntegrator:
     Whether an arm may go on is learned from single moments. Where those before it leaves look like those in
     which it has to stay (a shutter that has been pressed looks as it did, an arm that comes late stands where
     it stood), what is learned is the rate of leaving: a number below a half, the same at every prediction.
-    Who waits for more than a half would wait for ever. How likely it should have left by now is the sum.
-    With a `bound` of 0 every prediction stands for itself.
+    Who waits for more than a half would wait for ever. A rate is of a control step, and who waits predicts in
+    one of WAIT_STEPS: demonstrations would have left once where the sum is 1 / WAIT_STEPS. With a `bound` of
+    0 every prediction stands for itself.
     """
 
     def __init__(self, bound: float) -> None:
