@@ -67,9 +67,11 @@ def crop(
 def with_margin(pictures: Tensor, margin_px: int) -> Tensor:
     """Pictures (K, H, W, 3) with their outermost pixels repeated for so far on all sides."""
     for axis in (1, 2):
-        size = pictures.shape[axis]
-        pixels = torch.arange(-margin_px, size + margin_px, device=pictures.device).clamp(0, size - 1)
-        pictures = pictures.index_select(axis, pixels)
+        # Copied in whole: gathered by index, three bytes at a time, it takes eight times as long.
+        side = [margin_px if k == axis else size for k, size in enumerate(pictures.shape)]
+        outermost = pictures.narrow(axis, 0, 1), pictures.narrow(axis, pictures.shape[axis] - 1, 1)
+        first, last = (pixels.expand(side) for pixels in outermost)
+        pictures = torch.cat([first, pictures, last], dim=axis)
     return pictures
 
 
