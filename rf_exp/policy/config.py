@@ -25,7 +25,12 @@ MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
 # Keys that came after policies were released, at the values that change nothing, which stand in no identity.
-LATER: Mapping[str, Any] = {"start_offset_rad": 0.0, "goal_gate": False, "acting": {"homing": False}}
+LATER: Mapping[str, Any] = {
+    "start_offset_rad": 0.0,
+    "goal_gate": False,
+    "acting": {"homing": False},
+    "encoder": {"keypoints": {"dilations": (1, 2, 4)}},
+}
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
@@ -84,6 +89,8 @@ class KeypointsConfig(EncoderConfig):
     rate: float = bounded(1e3, above=0)  # of learning then, as a multiple of the others'
     shift_px: int = bounded(LARGEST_PX, least=0)  # by which pictures are shifted at most then, either way
     photometric: float = bounded(2, least=0)  # how far pictures are lit otherwise then; 0: not
+    # Cells between the taps of each 3x3 convolution: a map sees as many to all sides as their sum.
+    dilations: tuple[int, ...] = bounded(64, least=1, expected="whole numbers from 1 to 64")
 
     def check_in(self, policy: "PolicyConfig") -> None:
         looks = policy.context and policy.crop == 1.0
@@ -301,7 +308,7 @@ class PolicyConfig(Checked):
         return self._values(True)
 
     def _values(self, acting: bool | None, unsaid: Mapping[str, Any] = LATER) -> dict[str, Any]:
-        found = _without(values(self, acting), unsaid)
+        found = values(self, acting)
         for kind in PARTS:
             part, fields_of = getattr(self, kind), found.pop(kind, {})
             own = {key: value for key, value in fields_of.items() if not is_dataclass(getattr(part, key))}
@@ -309,7 +316,7 @@ class PolicyConfig(Checked):
             name = name_of(part)
             said = ({} if acting else {"name": name}) | ({name: own} if own else {}) | inner
             found |= {kind: said} if said else {}
-        return found
+        return _without(found, unsaid)
 
     def acting_as(self, other: "PolicyConfig") -> "PolicyConfig":
         """The same policy, which acts as another one says of the same parts."""

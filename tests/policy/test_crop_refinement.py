@@ -20,7 +20,7 @@ from tests.policy.test_rollout import Table, judge
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SIDE = 16
 SEES = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
-SEEING = KeypointsConfig(2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
+SEEING = KeypointsConfig(2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4))
 TWICE = {side: replace(SEEING, crop_refinement=side) for side in (0, SIDE)}
 SIZE = torch.tensor([64, 48])
 

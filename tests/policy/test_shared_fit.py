@@ -9,7 +9,7 @@ import pytest
 
 from rf_exp.artifacts import leaves
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, train
-from rf_exp.policy.config import KeypointsConfig
+from rf_exp.policy.config import LATER, KeypointsConfig
 from rf_exp.store import Store
 from tests.policy.conftest import rows, varied
 
@@ -31,8 +31,10 @@ OTHERWISE: dict[str, Any] = {  # in all that the encoder does not depend on
     **{"head.refined.regression_steps": 5, "acting.action_steps": 5},
     **{"acting.deadband_rad": 0.1, "acting.transition_integrator": 0.5},
 }
+UNSAID = {"noise", *LATER["encoder"]["keypoints"]}
 SAME = {  # of which the encoder depends
-    *(f"encoder.keypoints.{each.name}" for each in fields(KeypointsConfig) if each.name != "noise"),
+    # But for those that came later and say nothing.
+    *(f"encoder.keypoints.{each.name}" for each in fields(KeypointsConfig) if each.name not in UNSAID),
     *("encoder.name", "height", "width"),
     *("context", "crop"),  # which an encoder of keypoints needs
     "phases",  # of which the spec has subgoals

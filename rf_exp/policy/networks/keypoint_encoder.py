@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rf_exp.policy.config import CELL, KeypointsConfig
+from rf_exp.artifacts import without
+from rf_exp.policy.config import CELL, LATER, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, HEADING
 from rf_exp.policy.examples.windows import Labels, Windows
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, near, of_agent
@@ -185,7 +186,7 @@ class KeypointEncoder(Encoder):
             nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
             nn.GroupNorm(4, CHANNELS),
             nn.ReLU(),
-            *(_Dilated(apart) for apart in (1, 2, 4)),
+            *(_Dilated(apart) for apart in config.dilations),
         )
         self.maps = nn.Conv2d(CHANNELS, seen * len(HAND), 1)
         self.pool = nn.Linear(CHANNELS, POOLED)
@@ -226,7 +227,8 @@ class KeypointEncoder(Encoder):
             seen = relit(pictures, light, draw.rng) if light else scaled(pictures)
             return self.loss(seen, rays, labels)
 
-        decides = {key: value for key, value in asdict(config).items() if key != "noise"}
+        decides = without(asdict(config), **LATER["encoder"]["keypoints"])
+        decides.pop("noise")
         return Fit([self], loss, config.steps, config.rate, shared=decides)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
