@@ -46,6 +46,7 @@ def main() -> None:
     parser.add_argument("--shift", type=int, default=0, help="pixels, of the pictures that are learned from")
     parser.add_argument("--look", type=Path, help="another store, that is looked at in place of this one")
     parser.add_argument("--photometric", type=float, default=0.0, help="how far pictures are lit otherwise")
+    parser.add_argument("--dilations", default="1,2,4", help="of the convolutions, in cells")
     given = parser.parse_args()
     torch.set_num_threads(1)
     store = Store.open(given.store)
@@ -59,6 +60,7 @@ def main() -> None:
         *(f"{keys}.downsample={given.downsample}", f"{keys}.crop_refinement={given.crop}"),
         *(f"{keys}.photometric={given.photometric}", f"{keys}.steps={given.steps}"),
         *(f"{keys}.shift_px={given.shift}", "policy.observation_steps=1"),
+        f"{keys}.dilations=[{given.dilations}]",
         *("training.epochs=null", "training.steps=1", "training.warmup_steps=50", "training.run_length=1"),
         *(f"training.active_agent_sampling={given.active}", f"training.batch_size={given.batch}"),
         f"training.learning_rate={given.rate}",

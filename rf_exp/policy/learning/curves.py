@@ -39,7 +39,7 @@ def begin_curves(path: Path, step: int) -> None:
     with whole(path) as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, KINDS)
         writer.writeheader()
-        writer.writerows(map(asdict, kept))
+        writer.writerows(asdict(curve) for curve in kept)
 
 
 def cost_s(folder: Path) -> float:
