@@ -82,7 +82,7 @@ class Segment:
         return self.touches | self.subgoal.names
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Trajectory:
     """All segments of one agent for one proposal, from where it stands now."""
 

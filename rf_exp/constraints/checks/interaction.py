@@ -4,7 +4,6 @@ The tool centre point (TCP) is compared with the annotated interaction points of
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from rf_exp.statements import ContactAt, PlaceAt
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix
-from rf_exp.types import Scene, Segment, Trajectory
+from rf_exp.types import Scene, Segment
 
 POSITION_M = 0.01  # of the TCP from the interaction point, planned
 POSITION_MEASURED_M = 0.03  # fingers shift what they close on
@@ -62,16 +61,6 @@ def nearest_pose(tcp: Matrix, world_from_object: Matrix, point: InteractionPoint
     return min((world_from_object @ alike for alike in point.alike), key=lambda pose: offset_m(tcp, pose))
 
 
-@lru_cache(maxsize=64)  # the monitor asks in every control step, for every check
-def _last_contact(trajectory: Trajectory, name: str) -> Contact | None:
-    parts, found = list(trajectory.intervals), None
-    for index, (segment, _, end) in enumerate(parts):
-        if segment.primitive in CONTACT and segment.subgoal.object == name:
-            closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
-            found = Contact(segment, end, closed[0] if closed else end)
-    return found
-
-
 @dataclass(frozen=True)
 class ContactCheck(OneAgentCheck, BoundedCheck):
     """A check of how an agent meets an object."""
@@ -80,7 +69,12 @@ class ContactCheck(OneAgentCheck, BoundedCheck):
 
     def contact(self, plan: Plan) -> Contact | None:
         """The last one that the plan of the agent makes with the object."""
-        return _last_contact(plan.trajectory(self.agent), self.object)
+        parts, found = list(plan.trajectory(self.agent).intervals), None
+        for index, (segment, _, end) in enumerate(parts):
+            if segment.primitive in CONTACT and segment.subgoal.object == self.object:
+                closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
+                found = Contact(segment, end, closed[0] if closed else end)
+        return found
 
     def contact_now(self, plan: Plan, scene: Scene) -> Contact | None:
         """The same, in the control step in which the fingers have closed."""
