@@ -8,15 +8,16 @@ Processor time of one core, both in one run; a line a task, the last line is JSO
 """
 
 import argparse
-import json
 import time
 from statistics import mean
 
+from each_task import measure_each
+
 from rf_exp.datagen import EpisodeMaker, Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError
 from rf_exp.sim import Limited, Simulator
-from rf_exp.tasks import CONFIGURED, Task, read_task
+from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
 
 
@@ -46,18 +47,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    paths = {path.stem: path for path in sorted(CONFIGURED.glob("*.yaml")) if path.stem != "all"}
-    parser.add_argument("--tasks", default=",".join(paths), help="comma-separated names; default: all")
-    parser.add_argument("--seeds", type=int, default=3)
-    given = parser.parse_args()
-    for name in (names := given.tasks.split(",")):
-        if name not in paths:
-            parser.error(str(choices("task", name, paths)))
-    found = {}
-    for name in names:
-        found[name] = measured(read_task(paths[name]), given.seeds)
-        print(f"{name:26s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()), flush=True)
-    print(json.dumps(found))
+    measure_each(parser, measured, seeds=3)
 
 
 if __name__ == "__main__":

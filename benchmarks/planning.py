@@ -8,16 +8,15 @@ Two versions are compared by running both, one after the other, each in its own 
 """
 
 import argparse
-import json
 import time
 
 import numpy as np
+from each_task import measure_each
 
 from rf_exp.datagen import Planned, Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedSpec
-from rf_exp.errors import choices
 from rf_exp.sim import Simulator
-from rf_exp.tasks import CONFIGURED, Task, read_task
+from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
 
 
@@ -47,18 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    paths = {path.stem: path for path in sorted(CONFIGURED.glob("*.yaml")) if path.stem != "all"}
-    parser.add_argument("--tasks", default=",".join(paths), help="comma-separated names; default: all")
-    parser.add_argument("--seeds", type=int, default=20)
-    given = parser.parse_args()
-    for name in (names := given.tasks.split(",")):
-        if name not in paths:
-            parser.error(str(choices("task", name, paths)))
-    found = {}
-    for name in names:
-        found[name] = measured(read_task(paths[name]), given.seeds)
-        print(f"{name:26s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()), flush=True)
-    print(json.dumps(found))
+    measure_each(parser, measured, seeds=20)
 
 
 if __name__ == "__main__":
