@@ -71,6 +71,12 @@ def test_what_does_not_move_takes_no_time_and_what_does_not_exist_for_ever():
     assert duration_s(np.full((2, 3, 7), np.nan), LIMITS).tolist() == [np.inf, np.inf]
 
 
+@pytest.mark.parametrize("length_rad", [2e-9, 5e-9, 1e-8, 1e-6])
+def test_a_path_of_rounding_errors_takes_one_control_step(length_rad: float):
+    ends = np.array([[0.3] * 7, [0.3] * 6 + [0.3 + length_rad]])
+    np.testing.assert_array_equal(parameterise(ends, LIMITS), ends[1:])
+
+
 def test_blend_keeps_ends_and_straight_lines():
     line = densify(np.array([[0.0] * 7, [1.0] * 7]))
     np.testing.assert_allclose(blend(line, 0.2), line, atol=1e-9)

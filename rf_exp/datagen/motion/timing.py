@@ -18,6 +18,7 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 
 CORNER_RAD = 0.1  # radius at which a corner that `blend` has rounded would be passed as fast
 SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
+LEAST_RAD = 1e-7  # of a path: TOPP-RA finds no motion along 1e-9 to 1e-8, and one control step does for more
 
 
 def densify(via: Floats) -> Floats:
@@ -98,6 +99,8 @@ def parameterise(points: Floats, limits: JointLimits) -> Floats:
     if len(points) < 2:
         return np.empty((0, points.shape[1]))
     s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points, axis=0)).max(axis=1))])
+    if s[-1] < LEAST_RAD:
+        return points[-1:]
     path = SplineInterpolator(s, points)
     problem = TOPPRA(
         _within(limits, points.shape[1]),
