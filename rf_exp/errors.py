@@ -52,11 +52,12 @@ def refuse_access(path: Path, error: Exception) -> None:
 
 @contextmanager
 def about(what: str) -> Iterator[None]:
-    """Says what an ArgumentError from within is about."""
+    """Says what an error from within is about."""
     try:
         yield
-    except ArgumentError as error:
-        raise ArgumentError(f"{what}: {error}") from error
+    except RfError as error:
+        error.args = (f"{what}: {error}",)
+        raise
 
 
 def portable(error: Exception) -> Exception:

@@ -29,6 +29,7 @@ from rf_exp.datagen.driving import (
 )
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
+from rf_exp.errors import about
 from rf_exp.findings import Account, Answer, Dialogue, Ruling, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
@@ -436,7 +437,8 @@ def make_episode(
     world = shared_simulator(settings.task, pictures)  # which draws the scene of a seed itself
     take = partial(depth_and_segmentation, world, cameras, extras)
     brain = settings.make_brain(seed)
-    made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
+    with about(f"seed {seed}"):
+        made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
     if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # it shows nothing of the fault
         ended = f"the fault {brain.fault.name} was not planted: no plan in this scene has a place for it"
         return replace(made, success=False, episode=None, account=Account(ended=ended))

@@ -15,6 +15,7 @@ from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.artifacts import code, expect_same, plain, sweep, whole
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator, Settings
+from rf_exp.errors import about
 from rf_exp.findings import Account
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
@@ -185,6 +186,7 @@ def evaluate_scene(
     watchers: list[Callable[[RolloutStep], None]] = []
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
+        stack.enter_context(about(f"scene {seed}"))
         if (record or film) and pictures.render and large != pictures:  # in which people see something
             shown = stack.enter_context(sim.Simulator(task, width_px=large.width, height_px=large.height))
             shown.reset(seed)

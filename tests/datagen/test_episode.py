@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, make_episode
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import CheckName
 from rf_exp.sim import Simulator
 from rf_exp.tasks import SuccessEvaluator
-from rf_exp.types import CONTROL_HZ, UNITS, ConstraintSet, Subgoal
+from rf_exp.types import CONTROL_HZ, NO_PICTURES, UNITS, ConstraintSet, Subgoal
 from tests.conftest import read_task
 
 FULL = ConstraintSet("full")
@@ -227,6 +227,15 @@ def test_the_expert_goes_on_from_where_others_have_led(lift_world):
     assert episode.certificate["subgoals"] == known
     moved = np.abs(np.diff(episode.action[39:, :, :7], axis=0)).max(axis=(1, 2))
     assert moved.max() < 1.1 * setting.limits.velocity_rad_s / CONTROL_HZ  # no jump where it takes over
+
+
+def test_an_error_within_an_episode_names_its_seed_and_keeps_its_class(lift_barrier, monkeypatch):
+    def stopped(*_: object) -> None:
+        raise StageError("no connection")
+
+    monkeypatch.setattr(ScriptedBrain, "answer", stopped)
+    with pytest.raises(StageError, match="seed 7: no connection"):
+        make_episode(settings(lift_barrier), NO_PICTURES, 7)
 
 
 def test_attempts_must_be_positive(lift_barrier):
