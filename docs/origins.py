@@ -23,6 +23,7 @@ from rf_exp.experiment import read_experiment
 from rf_exp.keys import RENAMED
 
 ROOT = Path(__file__).parents[1]
+ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
 UNUSED = {  # what came later was not recorded where it was not used
     "policy.acting.transition_integrator": 0.0,
     "policy.encoder.keypoints.downsample": 1,

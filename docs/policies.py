@@ -10,7 +10,7 @@ from statistics import fmean
 
 from figure import Panel, figure
 from omegaconf import OmegaConf
-from origins import learned_with, origins
+from origins import ORIGIN, learned_with, origins
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -47,7 +47,6 @@ ABLATED = (
     *("recipe", "what is otherwise", "strict", "points above `fast`", "each training seed", "scenes"),
     *("rollouts with a violation", "core-minutes"),
 )
-ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
 MOST = 3  # kinds of failures that are told of a policy
 START = "paper_short"  # where the ablation begins
 ABLATION = ROOT / "conf" / "experiment" / "policy_ablation.yaml"

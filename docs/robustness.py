@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
+from origins import ORIGIN, origins
+
 from rf_exp.ablation import (
     EvaluationRow,
     Results,
@@ -25,6 +27,7 @@ HERE = Path(__file__).parent
 VARIATIONS = CONF / "variation"
 KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
 FACTOR = "`variation=`", "what varies", "how far", "stream"
+Policy = tuple[str, str, int]  # task, recipe, demonstrations
 Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, training seed, scene
 MINUTES = "core-minutes"
 DEMOS = 150
@@ -77,13 +80,13 @@ def summary(results: Results) -> str:
 
     Empty where nothing was measured in scenes that vary.
     """
-    rates = _rates(results)
     lines = [
-        [title_of(task, configured()), f"`{recipe.partition('+')[0]}`"]
-        + [_percent(rates[task, recipe].get(name, ())) for name in TOGETHER]
-        for task, recipe in rates
+        [title_of(task, configured()), f"`{recipe.partition('+')[0]}`", str(demos)]
+        + [_percent(rates.get(name, ())) for name in TOGETHER]
+        for (task, recipe, demos), rates in _rates(results).items()
     ]
-    return table(["task", "recipe", *(f"`{name}`" for name in TOGETHER)], lines) if lines else ""
+    heading = ["task", "recipe", "demonstrations", *(f"`{name}`" for name in TOGETHER)]
+    return table(heading, lines) if lines else ""
 
 
 def alone(results: Results) -> str:
@@ -95,19 +98,26 @@ def alone(results: Results) -> str:
         for name in choices()
         if name not in TOGETHER and any(name in rates[policy] for policy in policies)
     ]
-    heading = [f"{title_of(task, configured())}, `{recipe.partition('+')[0]}`" for task, recipe in policies]
+    heading = [f"{title_of(task, configured())}, `{recipe.partition('+')[0]}`" for task, recipe, _ in policies]
     return table(["scenes", *heading], lines) if lines else ""
 
 
-def _rates(results: Results) -> dict[tuple[str, str], dict[str, list[bool]]]:
-    """(task, recipe) -> variation -> successes, of tasks that are measured in more than one variation."""
-    found: dict[tuple[str, str], dict[str, list[bool]]] = {}
-    for row in results.evaluation:
-        if is_baseline(row) and not row.shield and row.demos == DEMOS and row.recipe in SUITE:
-            of_policy = found.setdefault((row.task, row.recipe), {})
-            of_policy.setdefault(row.variation, []).append(row.success)
-    tasks = [task for task in configured() if any(len(found.get((task, recipe), ())) > 1 for recipe in SUITE)]
-    return {policy: found[policy] for policy in product(tasks, SUITE) if policy in found}
+def _suite(results: Results) -> list[EvaluationRow]:
+    """The rows of the suite's tasks and two recipes, with as many demonstrations as its tables have, or more."""
+    rows = (row for row in results.evaluation if row.task in configured() and row.recipe in SUITE)
+    return [row for row in rows if row.demos >= DEMOS and is_baseline(row) and not row.shield]
+
+
+def _rates(results: Results) -> dict[Policy, dict[str, list[bool]]]:
+    """Policy -> variation -> successes, of tasks that are measured in more than one variation."""
+    found: dict[Policy, dict[str, list[bool]]] = {}
+    for row in _suite(results):
+        of_policy = found.setdefault((row.task, row.recipe, row.demos), {})
+        of_policy.setdefault(row.variation, []).append(row.success)
+    varied = {task for (task, *_), of_policy in found.items() if len(of_policy) > 1}
+    order = list(configured())
+    policies = sorted(found, key=lambda policy: (order.index(policy[0]), SUITE.index(policy[1]), policy[2]))
+    return {policy: found[policy] for policy in policies if policy[0] in varied}
 
 
 def _percent(successes: Sequence[bool]) -> str:
@@ -150,6 +160,8 @@ def _range(value: object) -> str:
 
 def documents(results: Results) -> dict[Path, str]:
     """The pages: what was measured, and what was tried."""
+    of_varied = (row for row in _suite(results) if row.recipe == SUITE[1])
+    made = {(row.task, row.demos, row.train_seed): row for row in of_varied}
     page = rendered(
         HERE / "robustness.jinja",
         factors=table(FACTOR, [factor(name) for name in choices()]),
@@ -157,6 +169,7 @@ def documents(results: Results) -> dict[Path, str]:
         summary=summary(results),
         alone=alone(results),
         measured=measured(results),
+        origins=table(ORIGIN, origins(made.values())),
         homing=beside(results, "without_homing", "robust", minutes=False),
     )
     looks = beside(results, "one_look", "without_homing", minutes=True)
