@@ -98,12 +98,14 @@ def alone(results: Results) -> str:
         for name in choices()
         if name not in TOGETHER and any(name in rates[policy] for policy in policies)
     ]
-    heading = [f"{title_of(task, configured())}, `{recipe.partition('+')[0]}`" for task, recipe, _ in policies]
+    heading = [
+        f"{title_of(task, configured())}, `{recipe.partition('+')[0]}`" for task, recipe, _ in policies
+    ]
     return table(["scenes", *heading], lines) if lines else ""
 
 
 def _suite(results: Results) -> list[EvaluationRow]:
-    """The rows of the suite's tasks and two recipes, with as many demonstrations as its tables have, or more."""
+    """The rows of the suite's tasks and two recipes, with as many demonstrations as its tables have or more."""
     rows = (row for row in results.evaluation if row.task in configured() and row.recipe in SUITE)
     return [row for row in rows if row.demos >= DEMOS and is_baseline(row) and not row.shield]
 
@@ -160,8 +162,8 @@ def _range(value: object) -> str:
 
 def documents(results: Results) -> dict[Path, str]:
     """The pages: what was measured, and what was tried."""
-    of_varied = (row for row in _suite(results) if row.recipe == SUITE[1])
-    made = {(row.task, row.demos, row.train_seed): row for row in of_varied}
+    varied = (row for row in results.evaluation if "+full" in row.recipe and is_baseline(row))
+    made = {(row.task, row.recipe, row.demos, row.train_seed): row for row in varied}
     page = rendered(
         HERE / "robustness.jinja",
         factors=table(FACTOR, [factor(name) for name in choices()]),

@@ -31,7 +31,8 @@ def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.
     assert told == shown, "run: python docs/policies.py"
 
 
-def test_the_pages_of_robustness_are_what_their_script_writes() -> None:
+def test_the_pages_of_robustness_are_what_their_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
     script = runpy.run_path(str(DOCS / "robustness.py"))
     for path, written in script["documents"](load(DOCS.parent)).items():
         assert path.read_text("utf-8") == written, "run: python docs/robustness.py"
@@ -50,8 +51,11 @@ def test_the_page_of_scaling_is_what_its_script_writes(monkeypatch: pytest.Monke
     assert script["exponent"](alike, "ring", 1) == "2.00"
 
 
-def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_are_some() -> None:
+def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_are_some(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """And says that there are none as long as there are none."""
+    monkeypatch.syspath_prepend(DOCS)
     script = runpy.run_path(str(DOCS / "robustness.py"))
     names = {path.stem for path in (CONF / "variation").glob("*.yaml")}
     assert set(script["choices"]()) == names
