@@ -105,7 +105,7 @@ def alone(results: Results) -> str:
 
 
 def _suite(results: Results) -> list[EvaluationRow]:
-    """The rows of the suite's tasks and two recipes, of at least as many demonstrations as its tables have."""
+    """The rows of the suite's tasks and two recipes, of as many demonstrations as its tables or more."""
     rows = (row for row in results.evaluation if row.task in configured() and row.recipe in SUITE)
     return [row for row in rows if row.demos >= DEMOS and is_baseline(row) and not row.shield]
 
