@@ -174,7 +174,7 @@ def documents(results: Results) -> dict[Path, str]:
         origins=table(ORIGIN, origins(made.values())),
         homing=beside(results, "without_homing", "robust", minutes=False),
     )
-    looks = beside(results, "one_look", "without_homing", minutes=True)
+    looks = beside(results, "without_crop_refinement", "without_homing", minutes=True)
     trials = rendered(HERE / "robustness_trials.jinja", looks=looks)
     return {HERE / "robustness.md": page, HERE / "robustness_trials.md": trials}
 

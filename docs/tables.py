@@ -59,10 +59,10 @@ def challenge() -> str:
     lines = []
     for task, best in CHALLENGE.items():
         of_task = [row for row in rows if row.task == task]
-        groups = ([row for row in of_task if row.recipe == recipe] for recipe in ("fast", "close_up"))
+        groups = ([row for row in of_task if row.recipe == recipe] for recipe in ("fast", "crop_refinement"))
         shares = (f"**{percent(rate(group))}**" if group else "" for group in groups)
         lines.append((title_of(task, configured()), str(configured()[task].agents), *shares, f"{best} %"))
-    return table(("task", "arms", "`fast`", "`close_up`", "best published"), lines)
+    return table(("task", "arms", "`fast`", "`crop_refinement`", "best published"), lines)
 
 
 def robust() -> str:

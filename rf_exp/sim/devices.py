@@ -82,8 +82,10 @@ class Devices:
         rng = np.random.default_rng([self._seed, FLICKER, step, *self._copy])
         if rng.uniform() < self._how.flicker:
             gain *= 1.0 + rng.uniform(-FLICKERS, FLICKERS)
-        seen = picture.astype(np.float32) * np.float32(gain)
+        seen = np.multiply(picture, np.float32(gain), dtype=np.float32)
         if self._how.pixel_noise:
             noise = np.random.default_rng([self._seed, PIXELS, step, camera, *self._copy])
-            seen += self._how.pixel_noise * noise.standard_normal(picture.shape, np.float32)
-        return np.clip(np.rint(seen), 0, 255).astype(np.uint8)
+            added = noise.standard_normal(picture.shape, np.float32)
+            added *= np.float32(self._how.pixel_noise)
+            seen += added
+        return np.rint(seen, out=seen).clip(0, 255, out=seen).astype(np.uint8)

@@ -78,20 +78,21 @@ def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
 
 
 def test_each_ablation_of_robust_is_without_one_of_its_steps() -> None:
-    robust, one_look = experiment("recipe=robust", "policy=robust"), experiment("policy=ablation/one_look")
+    robust = experiment("recipe=robust", "policy=robust")
+    unrefined = experiment("policy=ablation/without_crop_refinement")
     stays = experiment("recipe=without_homing", "policy=ablation/without_homing")
     acting = replace(robust.policy.acting, homing=False)
     assert robust.policy.acting != acting and stays.policy == replace(robust.policy, acting=acting)
     assert (stays.name, stays.learned_as, stays.pictures) == ("robust", "robust", robust.pictures)
-    assert one_look.policy.acting == acting
-    fixed, fast = experiment("policy=ablation/fixed_starts"), experiment("policy=fast")
-    assert one_look.policy != fixed.policy == replace(one_look.policy, start_offset_rad=0.0)
-    assert (one_look.training, one_look.name) == (fixed.training, fixed.name)
-    ours, theirs, once = (each.policy.encoder for each in (robust, one_look, fast))
+    assert unrefined.policy.acting == acting
+    fixed, fast = experiment("policy=ablation/without_start_offset"), experiment("policy=fast")
+    assert unrefined.policy != fixed.policy == replace(unrefined.policy, start_offset_rad=0.0)
+    assert (unrefined.training, unrefined.name) == (fixed.training, fixed.name)
+    ours, theirs, once = (each.policy.encoder for each in (robust, unrefined, fast))
     assert isinstance(ours, KeypointsConfig)
     looks = {key: getattr(once, key) for key in ("downsample", "crop_refinement", "shift_px")}
     assert theirs == replace(ours, **looks) != ours
-    assert (one_look.pictures, one_look.training) == (fast.pictures, robust.training)
+    assert (unrefined.pictures, unrefined.training) == (fast.pictures, robust.training)
 
 
 def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:

@@ -51,7 +51,7 @@ RECIPES: dict[str, tuple[str, ...]] = {
     "state": _PERCEPTRON,
     "diffusion_alone": (*_PERCEPTRON, "policy.phases=false"),
     "without_phases": _PERCEPTRON,
-    "close_up": (*_PERCEPTRON, f"{_ENCODER}.crop_refinement=8", f"{_ENCODER}.shift_px=4"),
+    "crop_refinement": (*_PERCEPTRON, f"{_ENCODER}.crop_refinement=8", f"{_ENCODER}.shift_px=4"),
     "paper": ("training.epochs=null", "training.steps=3", _UNET),
 }
 Digests = dict[str, Any]
