@@ -5,7 +5,7 @@
 Without pictures, with the disturbance and the delays of the recipe `fast`, in one process. A line a task: how
 fast and steep commands are, in how many steps of an agent that does not hesitate some joint is off by more
 than a milliradian, and how far then (medians, 90th and 99th percentiles). Ends with a line of JSON; the
-figures are in docs/laboratory.md.
+figures are in docs/component_studies.md.
 """
 
 import argparse
