@@ -1,4 +1,4 @@
-"""Client room: what the machine that serves a policy needs of the suite, with numpy, msgpack and websockets.
+"""Client: what the machine that serves a policy needs of the suite, with numpy, msgpack and websockets.
 
 The distribution `rf_exp-client` packages these very files as `rf_exp_client` (plugins/rf_exp_client), so they
 import one another, and `texts`, by relative names. The wire format and the contract of observations and

@@ -255,9 +255,9 @@ def test_its_wheel_needs_nothing_of_the_suite(tmp_path: Path) -> None:
         (told,) = (name for name in files.namelist() if name.endswith("METADATA"))
         needs = [line for line in files.read(told).decode().splitlines() if line.startswith("Requires-Dist")]
     assert [line.split()[1].split(">")[0] for line in needs] == ["numpy", "msgpack", "websockets"]
-    for room in ("client", "texts"):
-        ours = {path.name: path.read_bytes() for path in (ROOT / "rf_exp" / room).glob("*.*")}
-        theirs = tmp_path / "site/rf_exp_client" / room
+    for package in ("client", "texts"):
+        ours = {path.name: path.read_bytes() for path in (ROOT / "rf_exp" / package).glob("*.*")}
+        theirs = tmp_path / "site/rf_exp_client" / package
         assert {path.name: path.read_bytes() for path in theirs.glob("*.*")} == ours
     ran = subprocess.run(
         [sys.executable, "-P", "-c", ALONE],

@@ -37,7 +37,7 @@ from tests.ablation.conftest import evaluation, generation
 from tests.conftest import CONF, TASKS, read_task
 from tests.policy.others import server
 from tests.test_data import store_of
-from tests.test_house import HOUSE, SOURCES, named
+from tests.test_structure import HOUSE, SOURCES, named
 from tests.trust.payloads import MARK, ORDERS
 
 LONG = ORDERS + "x" * 2**24 + ORDERS  # as much as a message may have

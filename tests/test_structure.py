@@ -1,4 +1,4 @@
-"""How the house is laid out: what is imported from where, what a room gives, where attributes are born."""
+"""How the package is laid out: what is imported from where, which names are public, where attributes are set."""
 
 import ast
 from collections import Counter
@@ -73,9 +73,9 @@ def imported(tree: ast.AST) -> Iterator[str]:
 
 
 def is_public(name: str, importer: Path) -> bool:
-    """Whether each room on the way to a name gives the next part of it to who is outside.
+    """Whether each package on the way to a name gives the next part of it to who is outside.
 
-    A package within a room is one itself if it says what it gives, otherwise merely a folder.
+    A package within another is one itself if it says what it gives, otherwise merely a folder.
     """
     here = ROOT / "rf_exp"
     for part in name.split(".")[1:]:
@@ -97,14 +97,14 @@ def test_outside_of_a_room_only_its_public_names_are_imported() -> None:
 
 
 def test_tests_and_benchmarks_look_inside_only_for_what_is_inside() -> None:
-    """What a room gives to all is imported from the room, so that it may move within it."""
+    """What a package gives to all is imported from the package, so that it may move within it."""
     paths = [path for folder in ("tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
     wrong = []
     for path in paths:
         for name in imported(ast.parse(path.read_text("utf-8"))):
-            room, given = ROOT / "rf_exp" / name.split(".")[1], name.split(".")[-1]
-            if not is_public(name, path) and given in public_names(room):
-                wrong.append(f"{named(path)}: {name} is given by {named(room)}; import it from there")
+            package, given = ROOT / "rf_exp" / name.split(".")[1], name.split(".")[-1]
+            if not is_public(name, path) and given in public_names(package):
+                wrong.append(f"{named(path)}: {name} is given by {named(package)}; import it from there")
     assert not wrong, "\n".join(wrong)
 
 
