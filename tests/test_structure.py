@@ -1,4 +1,4 @@
-"""How the package is laid out: what is imported from where, which names are public, where attributes are set."""
+"""How the package is laid out: what is imported from where, what is public, where attributes are set."""
 
 import ast
 from collections import Counter

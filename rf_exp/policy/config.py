@@ -28,7 +28,7 @@ SMALLEST_CROP = 8  # pixels
 LATER: Mapping[str, Any] = {
     "start_offset_rad": 0.0,
     "goal_gate": False,
-    "acting": {"homing": False},
+    "acting": {"homing": False, "regrasp_step_m": 0.0},
     "encoder": {"keypoints": {"dilations": (1, 2, 4)}},
 }
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
@@ -229,6 +229,9 @@ class ActingConfig(Checked):
     # An arm goes to the posture of rest of its task, in a straight line of its joints, before its first look
     # and when its fingers have shut on nothing.
     homing: bool
+    # So far away, along the ray by which its goal is seen, an arm shuts its fingers next that have shut on
+    # nothing: it would see the same again, and most of an error is along the ray.
+    regrasp_step_m: float = bounded(0.1, least=0)
     action_steps: int = bounded(512, above=0)  # executed before the next prediction
     deadband_rad: float = bounded(math.pi, least=0)  # a chunk whose joints all stay so near moves nothing
     # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
@@ -267,6 +270,14 @@ class PolicyConfig(Checked):
             require(needs, "context", self.context, f"true with {name}")
         told = self.context or not self.acting.homing  # of the task's robots
         require(told, "context", self.context, "true with acting.homing")
+        searches = self.acting.regrasp_step_m
+        possible = self.acting.homing and self.goal_gate
+        require(
+            possible or not searches,
+            "acting.regrasp_step_m",
+            searches,
+            "0 without acting.homing and goal_gate",
+        )
         seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
         require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
         gated = self.encoder.keypoints and self.relative_actions and self.task_space_actions

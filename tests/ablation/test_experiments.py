@@ -81,7 +81,11 @@ def test_each_ablation_of_robust_is_without_one_of_its_steps() -> None:
     robust = experiment("recipe=robust", "policy=robust")
     unrefined = experiment("policy=ablation/without_crop_refinement")
     stays = experiment("recipe=without_homing", "policy=ablation/without_homing")
-    acting = replace(robust.policy.acting, homing=False)
+    repeats = experiment("recipe=without_search", "policy=ablation/without_search")
+    again = replace(robust.policy.acting, regrasp_step_m=0.0)
+    assert robust.policy.acting != again and repeats.policy == replace(robust.policy, acting=again)
+    assert (repeats.name, repeats.learned_as, repeats.pictures) == ("robust", "robust", robust.pictures)
+    acting = replace(again, homing=False)
     assert robust.policy.acting != acting and stays.policy == replace(robust.policy, acting=acting)
     assert (stays.name, stays.learned_as, stays.pictures) == ("robust", "robust", robust.pictures)
     assert unrefined.policy.acting == acting

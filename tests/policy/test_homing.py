@@ -10,7 +10,7 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import DiffusionRunner, Policy, PolicyConfig, rollout, views
-from rf_exp.policy.acting.diffusion_runner import SETTLE_STEPS
+from rf_exp.policy.acting.diffusion_runner import SEARCH, SETTLE_STEPS
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of
 from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.robots import DEFAULT, add_robot, known
@@ -21,6 +21,8 @@ from tests.robots.toy import toy
 
 AWAY_RAD = np.array([[0.09], [-0.05]])  # of all joints of two arms, from rest
 CHANGES = {"context": True, "observation_steps": 1, "acting.homing": True}
+GATED = {"encoder.name": "keypoints", "encoder.keypoints.noise": 0.0, "crop": 1.0, "goal_gate": True}
+GATED |= {"relative_actions": True, "task_space_actions": True}
 
 
 class Elsewhere(Table):
@@ -156,6 +158,43 @@ def test_fingers_that_are_meant_to_be_shut_have_missed_nothing(make, spec: Obser
     assert gripped(runner, 0.001) == {}
     runner.spec = replace(spec, shuts=((2,), (1,)))
     assert gripped(runner, 0.001) != {}
+
+
+def test_who_has_grasped_nothing_grasps_next_elsewhere_along_the_ray(policy_config: PolicyConfig) -> None:
+    """By steps of SEARCH; another change of its gripper, and another agent, begin anew."""
+    config = varied(policy_config, CHANGES | GATED | {"acting.regrasp_step_m": 0.01})
+    view = views(ARCHS[3], 2)[0]
+    spec = ObservationSpec(bases=((0.0, -0.5, 0.0), (0.0, 0.5, 0.0)), rests=(tuple(REST),) * 2, keyframes=2)
+    runner = DiffusionRunner(Policy(config, view, spec), view, spec)
+    known = torch.zeros(1, 1, spec.size(view))
+    known[..., :3] = torch.tensor([0.4, 0.1, 0.05])  # the TCP
+    world = Elsewhere(2)
+    observation = shown(runner, world.reset(0), world.images())
+    rays = runner._rays(observation)
+    assert rays is not None
+    ray = known[0, 0, :3] - rays[0, 0, :, 3]
+    for misses in range(2 * len(SEARCH)):
+        found = runner._beyond(observation, known)
+        expected = 0.01 * SEARCH[misses % len(SEARCH)] * ray / ray.norm()
+        torch.testing.assert_close(torch.as_tensor(found).expand(1, 1, 3)[0, 0], expected)
+        runner._episode.misses[1, 0] += 1
+    runner._episode.misses[2, 0] += 1
+    runner._episode.grippers.changes[0] = 2
+    assert torch.as_tensor(runner._beyond(observation, known)).abs().max() == 0
+
+
+def test_a_miss_counts_at_the_change_that_it_was_to_be(make) -> None:
+    (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
+    gripped(runner, 0.02)
+    assert not runner._episode.misses
+    gripped(runner, 0.001)
+    assert runner._episode.misses == {(1, 0): 1}
+
+
+def test_searching_needs_homing_and_a_goal_gate(policy_config: PolicyConfig) -> None:
+    for changes in (CHANGES, GATED | {"context": True}):
+        with pytest.raises(ArgumentError, match=r"is 0\.01; expected 0 without acting\.homing and goal_gate"):
+            varied(policy_config, changes | {"acting.regrasp_step_m": 0.01})
 
 
 @pytest.mark.parametrize(("width_m", "expected"), [(0.001, ((1,), ())), (0.02, ())])

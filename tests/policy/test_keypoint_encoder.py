@@ -393,10 +393,13 @@ def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
     context[..., :POSE], context[..., POSE + changes] = torch.randn(POSE), 1.0
     horizon, actions = policy.config.horizon, len(policy.normaliser.action.centre)
     monkeypatch.setattr(policy.head, "sample", lambda *_: torch.zeros(1, horizon, actions))
-    for bias, expected in ((-50.0, context[0, 0, :3]), (50.0, seen)):
+    nearer = torch.tensor([[[0.0, 0.02, -0.01]]])
+    cases = ((-50.0, 0.0, context[0, 0, :3]), (50.0, 0.0, seen))
+    cases += ((-50.0, nearer, context[0, 0, :3]), (50.0, nearer, seen + nearer[0, 0]))
+    for bias, beyond, expected in cases:
         torch.nn.init.zeros_(last.weight)
         torch.nn.init.constant_(last.bias, bias)
-        chunk = policy.act(features, torch.zeros(1, 1, 8), context, [torch.Generator()])[0]
+        chunk = policy.act(features, torch.zeros(1, 1, 8), context, [torch.Generator()], beyond)[0]
         place, axes = chunk[:, 8:11], chunk[:, 11:]
         torch.testing.assert_close(place, expected.expand(horizon, 3))
         torch.testing.assert_close(axes, context[0, 0, 3:POSE].expand(horizon, 6))

@@ -1,8 +1,8 @@
 """Diffusion runner: a diffusion policy that acts through the streams of its view."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from rf_exp.policy.inputs.observation_spec import (
     ObservationSpec,
     context,
     footprint_from_tcps,
+    of_agent,
     others,
     proprioception,
     widths,
@@ -39,6 +40,7 @@ from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 SETTLE_STEPS = 2  # until an arm stands where it was sent
 WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
+SEARCH = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, at the one after a miss, and so on
 SAME_SCENE = 0.03  # predicted probabilities that differ by less are of a scene in which nothing changes
 
 
@@ -88,6 +90,8 @@ class _Episode:
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
     homing: NDArray[np.bool_]  # (agents of the view,) who has to go to rest before the next look
+    # Of an agent, at the change of its gripper of this number: how often its fingers have shut on nothing.
+    misses: Counter[tuple[int, int]] = field(default_factory=Counter)
 
 
 class DiffusionRunner(PolicyRunner):
@@ -159,6 +163,9 @@ class DiffusionRunner(PolicyRunner):
             episode.homing |= missed
             for row in range(len(missed)):
                 self.state.targets.forget(row)
+            # The change by which the fingers have shut is counted until they open.
+            for row in self._rows[missed].tolist():
+                episode.misses[row + 1, int(episode.grippers.changes[row]) - 1] += 1
         if not self._observes:
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
@@ -263,7 +270,8 @@ class DiffusionRunner(PolicyRunner):
         if waits.all():
             stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        sampled = self._policy.act(features, proprio, known, self._episode.generators)
+        beyond = self._beyond(observation, known)
+        sampled = self._policy.act(features, proprio, known, self._episode.generators, beyond)
         actions = sampled.cpu().double().numpy()
         if not np.isfinite(actions).all():
             raise StageError(
@@ -284,6 +292,24 @@ class DiffusionRunner(PolicyRunner):
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
         # a gripper: in the pictures alone nothing tells how long it has been where it opens.
         return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
+
+    def _beyond(self, observation: Observation, known: Tensor) -> Tensor | float:
+        """(S, n, 3) m from where own goals are seen to where fingers are to shut, after misses."""
+        step_m, episode = self._config.acting.regrasp_step_m, self._episode
+        if not step_m or not episode.misses or (rays := self._rays(observation)) is None:
+            return 0.0
+
+        def step(agent: int) -> int:
+            misses = episode.misses[agent, int(episode.grippers.changes[agent - 1])]
+            return SEARCH[misses % len(SEARCH)]
+
+        steps = [[step_m * step(agent) for agent in stream.agents] for stream in self.view.streams]
+        own = range(len(steps[0]))
+        tcps = torch.stack([of_agent(known[:, -1], agent)[0][..., :3] for agent in own], dim=1)
+        # From the K cameras to a hand, and so to its goal once it is there: (S, K, n, 3).
+        along = tcps[:, None] - rays[..., 3][:, :, None]
+        along = (along / along.norm(dim=3, keepdim=True)).mean(dim=1)
+        return torch.tensor(steps, device=rays.device)[..., None] * along
 
     def _missed(self) -> NDArray[np.bool_]:
         """(agents of the view,) whose fingers have shut on nothing, where no demonstration means them to.

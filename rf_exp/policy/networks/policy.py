@@ -220,15 +220,20 @@ class Policy(nn.Module):
         return StageError(f"head {name_of(self.config.head)!r} ({type(self.head).__name__}) {how}")
 
     def _origin(
-        self, features: Tensor, proprio: Tensor, context: Tensor, condition: Tensor
+        self,
+        features: Tensor,
+        proprio: Tensor,
+        context: Tensor,
+        condition: Tensor,
+        beyond: Tensor | float = 0.0,
     ) -> Tensor | float:
-        """What is added to a prediction to make targets of it (B, 1 or T, A)."""
+        """What is added to a prediction to make targets of it (B, 1 or T, A); see `act`."""
         if not self.config.relative_actions:
             return 0.0
         origin = action_origin(proprio, context if self.config.task_space_actions else None)
         if self.gate is None:
             return origin
-        towards = self.encoder.offsets(features, context)[:, -1]  # (B, n, 3)
+        towards = self.encoder.offsets(features, context)[:, -1] + beyond  # (B, n, 3)
         along = self.gate(condition)[..., None] * towards[:, None]  # (B, T, n, 3)
         poses = functional.pad(along, (0, POSE - towards.shape[2])).flatten(2)
         return origin + functional.pad(poses, (self._agents * ACTION_SIZE, 0))
@@ -252,18 +257,24 @@ class Policy(nn.Module):
 
     @torch.inference_mode()
     def act(
-        self, features: Tensor, proprio: Tensor, context: Tensor, generators: list[torch.Generator]
+        self,
+        features: Tensor,
+        proprio: Tensor,
+        context: Tensor,
+        generators: list[torch.Generator],
+        beyond: Tensor | float = 0.0,
     ) -> Tensor:
         """Features (B, O, F), raw proprioception (B, O, P) and context (B, O, C) -> actions (B, T, A), raw.
 
-        All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
+        All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours. With a goal
+        gate own goals lie `beyond` (B, n, 3) in m where they are seen, in the footprint of the first own arm.
         """
         condition = self.condition(features, proprio, context)
         sample = self.head.sample(condition, generators)
         expected = len(context), self.config.horizon, self.normaliser.action.centre.shape[0]
         if sample.shape != expected:
             raise self._wrong_head(f"samples actions of shape {tuple(sample.shape)}; expected {expected}")
-        origin = self._origin(features, proprio, context, condition)
+        origin = self._origin(features, proprio, context, condition, beyond)
         actions = self.normaliser.action.restore(sample) + origin
         if self.config.binary_grippers:
             commands = actions[..., : self._agents * ACTION_SIZE]
