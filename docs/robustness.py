@@ -173,6 +173,7 @@ def documents(results: Results) -> dict[Path, str]:
         measured=measured(results),
         origins=table(ORIGIN, origins(made.values())),
         homing=beside(results, "without_homing", "robust", minutes=False),
+        search=beside(results, "without_search", "robust", minutes=False),
     )
     looks = beside(results, "without_crop_refinement", "without_homing", minutes=True)
     trials = rendered(HERE / "robustness_trials.jinja", looks=looks)
