@@ -158,7 +158,7 @@ def test_the_history_is_that_of_training(make_runner) -> None:
     given, positions = [], []
     act = runner._policy.act
 
-    def spy(features, proprio, told, generators):
+    def spy(features, proprio, told, generators, _beyond):
         given.append(proprio.clone())
         return act(features, proprio, told, generators)
 
