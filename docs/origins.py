@@ -64,7 +64,8 @@ def learned_with(row: EvaluationRow, key: str) -> Any:
 
 
 def _published(row: EvaluationRow) -> Published[EvaluationRow]:
-    return published(rows_file(row.task, row.constraints, row.arch, row.recipe, row.demos))
+    policies = row.task, row.constraints, row.arch, row.recipe, row.demos
+    return published(rows_file(*policies, row.shield, row.variation))
 
 
 @cache
