@@ -86,7 +86,7 @@ def is_public(name: str, importer: Path) -> bool:
     return True
 
 
-def test_outside_of_a_room_only_its_public_names_are_imported() -> None:
+def test_outside_of_a_package_only_its_public_names_are_imported() -> None:
     wrong = [
         f"{named(path)}: {name}"
         for path, tree in SOURCES.items()
