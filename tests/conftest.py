@@ -30,8 +30,9 @@ TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if pat
 # The modules that take longest. Begun last, one process would be busy with them while the others wait.
 LONG = (
     *("test_run", "test_kills", "test_generation", "test_environments", "test_depth_cameras", "test_golden"),
-    *("test_checkers", "test_train", "test_launch", "test_benchmarks", "test_collisions", "test_knocks"),
-    *("test_logs", "test_shards", "test_correction", "test_start_up", "test_laws", "test_coordinator"),
+    *("test_checkers", "test_train", "test_launch", "test_benchmarks", "test_collisions", "test_logs"),
+    *("test_shards", "test_correction", "test_start_up", "test_laws", "test_coordinator"),
+    "test_varied_scenes",
 )
 
 RECIPES = {  # how each is chosen, by its name

@@ -23,8 +23,7 @@ from rf_exp.findings import Account, Dialogue
 from rf_exp.texts import printable
 from rf_exp.types import FOREIGN, UNVARIED
 
-SCHEMA = 8
-LATER = {"later": True}  # of a field that rows did not always have: theirs is the default
+SCHEMA = 9
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
 _ROUNDS = re.compile(r"dagger\d+")  # of correction
 FINAL_SEED = 3_000_000  # first of the scenes of final figures; those below have decided between recipes
@@ -88,9 +87,9 @@ class GenerationRow(_Row):
     disturbance_rad: float = 0.0  # of executed motion
     delay_s: float = 0.0  # how late an arm may have been
     account: Account = field(default_factory=Account)  # violations that ended proposals, contacts, failures
-    variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes, by its name
-    drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
-    dialogue: Dialogue = field(default_factory=Dialogue, metadata=LATER)  # what RoboBrain answered
+    variation: str = UNVARIED  # of the scenes, by its name
+    drawn: dict = field(default_factory=dict, hash=False)  # of it, in this scene
+    dialogue: Dialogue = field(default_factory=Dialogue)  # what RoboBrain answered
 
     @property
     def reason(self) -> str:
@@ -130,8 +129,8 @@ class EvaluationRow(_Row):
     core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
     queries: int = 0  # proposals that the expert was asked for to correct them
     account: Account = field(default_factory=Account)  # which arms touched or overlapped, and what failed
-    variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes; `recipe` has that of learning
-    drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
+    variation: str = UNVARIED  # of the scenes; `recipe` has that of learning
+    drawn: dict = field(default_factory=dict, hash=False)  # of it, in this scene
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -247,8 +246,7 @@ def _parse(line: bytes, kind: type[R]) -> R:
     if "schema" in value:
         expect_schema(value)
     expected = {*(item.name for item in fields(kind)), REASON, CHECKSUM}
-    later = {item.name for item in fields(kind) if item.metadata.get("later")}
-    if missing := sorted(expected - later - value.keys()):
+    if missing := sorted(expected - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
         raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")

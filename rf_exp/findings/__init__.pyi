@@ -1,7 +1,7 @@
 from .account import NOTHING as NOTHING
 from .account import Account as Account
 from .account import Closest as Closest
-from .account import Knock as Knock
+from .account import ClutterContact as ClutterContact
 from .account import Lost as Lost
 from .account import Touch as Touch
 from .account import Unmet as Unmet

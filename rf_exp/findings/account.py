@@ -89,7 +89,7 @@ class Touch:
 
 
 @dataclass(frozen=True)
-class Knock:
+class ClutterContact:
     """Clutter that an arm, or what one carried, touched."""
 
     who: str  # agent<k> or an object
@@ -135,7 +135,7 @@ class Account:
     lost: tuple[Lost, ...] = ()
     refused: Violation | None = None  # why a success is none: what a disturbed arm has moved
     ended: str = ""  # in the words of who ended it before it was judged
-    knocks: tuple[Knock, ...] = ()
+    clutter_contacts: tuple[ClutterContact, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -155,7 +155,7 @@ class Account:
         else:
             steps = f" ({closest.steps} steps)" if closest is not None and closest != NOTHING else ""
             parts = [f"failed: {self._briefly}{steps}"]
-        parts += [each.sentence for each in (*self.touches, *self.knocks, *self.lost)]
+        parts += [each.sentence for each in (*self.touches, *self.clutter_contacts, *self.lost)]
         if self.rejections:  # the first says what went wrong; the last, why that could not be mended
             first, last, many = self.rejections[0], self.rejections[-1], len(self.rejections)
             parts.append(f"the first violation of {many}: {first.sentence}")
@@ -170,8 +170,8 @@ class Account:
         if self.ended:
             return self.ended
         failed = ", ".join(each.name for each in self.unmet) or self._briefly
-        knocks = dict.fromkeys(each.kind for each in self.knocks)
-        happened = [each.kind for each in self.touches] + [*knocks]
+        clutter = dict.fromkeys(each.kind for each in self.clutter_contacts)
+        happened = [each.kind for each in self.touches] + [*clutter]
         happened += [each.kind for each in (*self.lost, *self.rejections[:1])]
         return "; ".join([failed, *happened])
 

@@ -36,7 +36,7 @@ class LoadedScene:
         hands = [robot.model.hand for robot in env.task.robots]
         self.clutter = {name: actor._objs[0] for name, actor in env.clutter.items()}
         self._contacts = Contacts(self.robots, hands, self.bodies, self.clutter)
-        self._knocks: dict[tuple[str, str], float] = {}  # with clutter, in the last control step: N
+        self._with_clutter: dict[tuple[str, str], float] = {}  # with clutter, in the last control step: N
         start = joints_of(env.start.qpos)
         held = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
         self.devices = Devices(env.start, held, tuple(env.task.cameras))
@@ -56,13 +56,15 @@ class LoadedScene:
         for rows, command in zip(self._rows, told, strict=True):
             rows.command(command)
         pressed: dict[tuple[int, int], float] = {}
-        self._knocks = {}
+        self._with_clutter = {}
         for _ in range(PHYSICS_HZ // CONTROL_HZ):
             self.physics.step()
-            # A knock can be over within one control step: keep the hardest push of the physics steps.
+            # A contact can be over within one control step: keep the hardest push of the physics steps.
             contacts, timestep_s = self.physics.get_contacts(), self.physics.timestep
             pressed = _hardest(pressed, self._contacts.between_arms(contacts, timestep_s))
-            self._knocks = _hardest(self._knocks, self._contacts.with_clutter(contacts, timestep_s))
+            self._with_clutter = _hardest(
+                self._with_clutter, self._contacts.with_clutter(contacts, timestep_s)
+            )
         self.steps += 1
         return pressed
 
@@ -83,7 +85,9 @@ class LoadedScene:
             finger_forces=pushes,
             arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
             clutter=_measured(self.clutter),
-            clutter_contacts=tuple((who, name, force) for (who, name), force in sorted(self._knocks.items())),
+            clutter_contacts=tuple(
+                (who, name, force) for (who, name), force in sorted(self._with_clutter.items())
+            ),
         )
         return self.devices.measured(scene)
 

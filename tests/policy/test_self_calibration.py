@@ -1,4 +1,4 @@
-"""A camera that has been knocked is found by where it sees the hand that joints tell of."""
+"""A displaced camera is found by where it sees the hand that joints tell of."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def rays(camera: CameraModel) -> NDArray[np.float64]:
     return found[0].astype(float)
 
 
-def knocked(rng: np.random.Generator) -> CameraModel:
+def displaced(rng: np.random.Generator) -> CameraModel:
     """By up to 5 cm along each axis, 5 degrees and 3 degrees of its field of view."""
     axis, pose = rng.normal(size=3), USUAL.world_from_camera.copy()
     pose = pose @ rotated(np.deg2rad(5 * rng.uniform()) * axis / np.linalg.norm(axis))
@@ -57,10 +57,10 @@ def followed(camera: CameraModel, rng: np.random.Generator, mistaken: int | None
     return estimate
 
 
-def test_a_camera_that_was_knocked_is_found() -> None:
+def test_a_displaced_camera_is_found() -> None:
     rng, before, after = np.random.default_rng(0), [], []
     for _ in range(20):
-        camera = knocked(rng)
+        camera = displaced(rng)
         before.append(off_m(rays(USUAL), camera))
         after.append(off_m(followed(camera, rng).rays, camera))
     assert np.median(before) > 0.03 and np.median(after) < 0.006 and np.quantile(after, 0.9) < 0.012
@@ -77,7 +77,8 @@ def test_one_that_stands_as_usual_is_hardly_moved_by_noise() -> None:
 def test_a_hand_that_is_once_taken_for_something_else_counts_for_little() -> None:
     rng = np.random.default_rng(2)
     off = [
-        off_m(followed(camera, rng, mistaken=3).rays, camera) for camera in (knocked(rng) for _ in range(10))
+        off_m(followed(camera, rng, mistaken=3).rays, camera)
+        for camera in (displaced(rng) for _ in range(10))
     ]
     assert np.median(off) < 0.01
 
@@ -85,7 +86,7 @@ def test_a_hand_that_is_once_taken_for_something_else_counts_for_little() -> Non
 def test_a_hand_that_waits_where_it_is_mistaken_counts_once() -> None:
     """Each look at it errs alike: a long wait tells nothing new, and turned the camera by degrees."""
     rng = np.random.default_rng(3)
-    for camera in (knocked(rng) for _ in range(5)):
+    for camera in (displaced(rng) for _ in range(5)):
         estimate = followed(camera, rng)
         for _ in range(30):
             estimate.see(GOAL_M[None], place(camera, GOAL_M)[None] + 0.08)

@@ -2,7 +2,7 @@
 
 Each look that nobody has calibrated gives the place of an own hand in the picture, and kinematics its point.
 All of an episode together are fitted by the camera's direction, place and field of view, about where it
-usually stands: the most probable ones, where a camera has been knocked by so much (`PRIOR_STD`) and a hand is
+usually stands: the most probable ones, where a camera has moved by so much (`PRIOR_STD`) and a hand is
 seen to so many pixels. The hand is a calibration target that goes where the work is.
 """
 

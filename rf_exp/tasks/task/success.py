@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot
 
-from rf_exp.findings import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
+from rf_exp.findings import NOTHING, Account, Closest, ClutterContact, Lost, Touch, Unmet
 from rf_exp.tasks.task.task import Task
 from rf_exp.types import CONTROL_DT_S, Condition, Measured, Scene, Verdict
 
@@ -76,7 +76,7 @@ class Ledger:
         self._verdict: Verdict | None = None
         self._most, self._most_at = -1, 0  # conditions that ever held at once, first at which step
         self._touched: dict[tuple[int, int], list[int]] = {}  # agents -> steps
-        self._knocked: dict[tuple[str, str], list[int]] = {}  # who, clutter -> steps
+        self._clutter: dict[tuple[str, str], list[int]] = {}  # who, clutter -> steps
         self._lost: dict[tuple[str, str], int] = {}  # object, how -> first step
         self.contacts = 0  # control steps in which arms touched each other
 
@@ -94,7 +94,7 @@ class Ledger:
         for a, b, _ in scene.arm_contacts:
             self._touched.setdefault((a, b), []).append(scene.step)
         for who, name, _ in scene.clutter_contacts:
-            self._knocked.setdefault((who, name), []).append(scene.step)
+            self._clutter.setdefault((who, name), []).append(scene.step)
         for lost in verdict.lost.items():
             self._lost.setdefault(lost, scene.step)
 
@@ -130,15 +130,17 @@ class Ledger:
     def account(self, success: bool) -> Account:
         """As it stands: of a success the touches alone, without a step that nothing was carried out."""
         touches = tuple(Touch(pair, _s(at[0]), len(at)) for pair, at in sorted(self._touched.items()))
-        knocks = tuple(Knock(*pair, _s(at[0]), len(at)) for pair, at in sorted(self._knocked.items()))
+        clutter = tuple(
+            ClutterContact(*pair, _s(at[0]), len(at)) for pair, at in sorted(self._clutter.items())
+        )
         if self._verdict is None:
             return Account(closest=self._closest)
         if success:
-            return Account(touches=touches, knocks=knocks)
+            return Account(touches=touches, clutter_contacts=clutter)
         failing = [name for name, holds in self._verdict.evidence.items() if not holds]
         return Account(
             touches=touches,
-            knocks=knocks,
+            clutter_contacts=clutter,
             unmet=tuple(_unmet(name, self._conditions[name]) for name in failing),
             closest=self._closest,
             lost=tuple(Lost(name, how, _s(first)) for (name, how), first in self._lost.items()),

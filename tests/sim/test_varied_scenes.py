@@ -54,7 +54,7 @@ def test_the_simulator_has_objects_of_the_sizes_of_its_scene(task: Task) -> None
                     )  # of hulls as PhysX rounds them
 
 
-def knocked(world: Simulator, steps: int = 40):
+def pushing_clutter(world: Simulator, steps: int = 40):
     """Scenes of an arm that swings into a piece of clutter beside it."""
     world.step(world.command)
     for _ in range(steps):
@@ -70,13 +70,13 @@ def test_touching_clutter_is_seen_and_told() -> None:
         ledger = Ledger()
         for seed in range(8):
             judge = SuccessEvaluator(world.task, scene := world.reset(seed))
-            for scene in knocked(world):
+            for scene in pushing_clutter(world):
                 ledger.see(scene, judge(scene))
             if scene.clutter_contacts:
                 break
-        knocks = ledger.account(False).knocks
-        assert knocks and {each.who for each in knocks} <= {"agent1"}
-        assert {each.clutter for each in knocks} <= {f"clutter{k}" for k in range(1, 11)}
+        contacts = ledger.account(False).clutter_contacts
+        assert contacts and {each.who for each in contacts} <= {"agent1"}
+        assert {each.clutter for each in contacts} <= {f"clutter{k}" for k in range(1, 11)}
         assert "agent1 touched clutter" in ledger.account(False).reason
 
 
