@@ -1,4 +1,4 @@
-"""Pictures and films of expert episodes: `python -m rf_exp.gallery task=all out=outputs`."""
+"""Gallery: pictures and films of expert episodes, `python -m rf_exp.gallery task=all out=outputs`."""
 
 import lazy_loader
 

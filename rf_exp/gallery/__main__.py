@@ -1,10 +1,10 @@
-"""The gallery: what each task looks like when it is done well.
+"""The gallery: pictures and a film of a successful expert episode of each task.
 
-python -m rf_exp.gallery task=all                     two sheets and a film of every task, and a sheet of all
-python -m rf_exp.gallery task=place_food seed=7       of one, from scene seed 7 on
+python -m rf_exp.gallery task=all                     a sheet, a strip and a film per task, and an overview
+python -m rf_exp.gallery task=place_food seed=7       one task, from scene seed 7 on
 
-Takes the keys of `python -m rf_exp.run`. Pictures are larger than those that policies see, whatever
-`picture` says.
+Takes the keys of `python -m rf_exp.run`. Pictures are larger than those of policies and ignore the key
+`picture`.
 """
 
 import sys
@@ -19,7 +19,7 @@ from rf_exp.experiment import read_experiment
 
 @composed("gallery")
 def main(config: DictConfig) -> None:
-    """One job: every chosen task, then all of them on one sheet."""
+    """Draws every chosen task, then the overview."""
     experiment = read_experiment(settled(config))
     if not experiment.pictures.render:
         raise ArgumentError("render=false makes no pictures, and the gallery is pictures; leave it out")

@@ -1,4 +1,4 @@
-"""A performance on sheets and as a film, with words that can be read."""
+"""Sheets, strips and films of a performance, with captions."""
 
 import textwrap
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from rf_exp.types import CONTROL_DT_S
 from rf_exp.viz import Film, agent_colour, frames
 from rf_exp.viz.frames import GAP_PX, INK, LINE_PX, SMALL_PX, SOFT, TEXT_PX
 
-TITLE_PX = 26  # size of letters
-THUMB_PX = (400, 300)  # a picture on the sheet of a task
-TILE_PX = (480, 360)  # a picture on the strip of a task, and on the sheet of all tasks
-CAPTION, CAPTION_LINES = 54, 4  # letters on a line below a picture of that sheet, and lines
-EVERY = 2  # control steps from one frame to the next: at 20 frames a second, twice as fast as real
-REST_FRAMES = 20  # the last frame stays a while
-COLUMNS = 3  # tasks beside one another on the sheet of all
+TITLE_PX = 26  # font size
+THUMB_PX = (400, 300)  # size of a picture on a contact sheet
+TILE_PX = (480, 360)  # size of a picture on a strip and on the overview
+CAPTION, CAPTION_LINES = 54, 4  # characters per line, and lines, of a caption on the overview
+EVERY = 2  # control steps per frame: at 20 frames per second, twice real time
+REST_FRAMES = 20  # repeats of the last frame
+COLUMNS = 3  # tasks per row of the overview
 
 
 def contact_sheet(task: Task, stills: Sequence[Still], seed: int) -> Image.Image:
-    """Start, middle and end of an episode, a row each, from all cameras, with the subgoals below."""
+    """Contact sheet: start, middle and end of an episode in one row each, from all cameras, with subgoals."""
     cameras, (width, height) = list(stills[0].pictures), THUMB_PX
     block = height + GAP_PX + LINE_PX * len(task.agents) + 3 * GAP_PX
     top = 2 * GAP_PX + TITLE_PX + 3 * SMALL_PX
@@ -48,7 +48,7 @@ def contact_sheet(task: Task, stills: Sequence[Still], seed: int) -> Image.Image
 
 
 def strip(task: Task, performance: Performance) -> Image.Image:
-    """Start, middle and end of an episode beside one another, from near, with the subgoals below."""
+    """Strip: start, middle and end of an episode side by side, cropped, with the subgoals below."""
     stills, (width, height) = performance.stills, TILE_PX
     size = (len(stills) * (width + GAP_PX) - GAP_PX, height + GAP_PX + LINE_PX * len(task.agents))
     sheet, draw = frames.blank(size)
@@ -61,14 +61,14 @@ def strip(task: Task, performance: Performance) -> Image.Image:
 
 
 def panel(task: Task, performance: Performance) -> Image.Image:
-    """One task on the sheet of all: its global view from near when most are at work, and what is asked."""
+    """Panel of one task on the overview: its cropped global view mid-episode, and its description."""
     width, height = TILE_PX
     sheet, draw = frames.blank((width, height + 2 * GAP_PX + TITLE_PX + CAPTION_LINES * LINE_PX))
     sheet.paste(_near(performance.stills[1], performance.part), (0, 0))
     frames.write(draw, (2, height + GAP_PX), task.title, TITLE_PX)
     title_px = int(draw.textlength(task.title, frames.font(TITLE_PX)))
     frames.write(draw, (title_px + 14, height + GAP_PX + 8), _robots(task), TEXT_PX, SOFT)
-    # What lies there is in the picture; who does what comes after it.
+    # Without its first sentence, which describes the objects in the picture.
     asked = task.description.partition(". ")[2] or task.description
     for row, line in enumerate(textwrap.wrap(asked, CAPTION, max_lines=CAPTION_LINES, placeholder=" ...")):
         frames.write(draw, (2, height + 2 * GAP_PX + TITLE_PX + row * LINE_PX), line, TEXT_PX, INK)
@@ -76,12 +76,12 @@ def panel(task: Task, performance: Performance) -> Image.Image:
 
 
 def _near(still: Still, part: Part) -> Image.Image:
-    """That part of the global view, as large as a tile."""
+    """The part `part` of the global view, resized to a tile."""
     return Image.fromarray(still.pictures["global"]).resize(TILE_PX, Image.Resampling.LANCZOS, box=part)
 
 
 def overview(panels: Sequence[Image.Image]) -> Image.Image:
-    """All tasks on one sheet."""
+    """Overview: the panels of all tasks on one sheet."""
     columns, gap = min(COLUMNS, len(panels)), 2 * GAP_PX
     width, height = panels[0].width + gap, panels[0].height + gap
     sheet, _ = frames.blank((gap + columns * width, gap + ceil(len(panels) / columns) * height))
@@ -92,9 +92,9 @@ def overview(panels: Sequence[Image.Image]) -> Image.Image:
 
 
 def film(path: Path, task: Task, performance: Performance, world: Simulator) -> None:
-    """Plays the performance again and writes it to `path`. Raises StageError when that fails.
+    """Replays the performance and writes a film to `path`. Raises StageError when that fails.
 
-    Global view, agents' views beside it, subgoals below.
+    A frame has the global view, the agents' views beside it and the subgoals below.
     """
     steps = len(performance.actions)
     shown = {*range(0, steps, EVERY), steps}
@@ -106,7 +106,7 @@ def film(path: Path, task: Task, performance: Performance, world: Simulator) -> 
 
 
 def _marked(lines: Sequence[Line]) -> list[frames.Line]:
-    """A line an agent, as in the paper's figure: `Agent_1: grasp barrier at left`. Grey: it waits."""
+    """One line per agent, as in the paper's figure: `Agent_1: grasp barrier at left`; grey while it waits."""
     return [
         frames.Line(
             f"{agent_name(agent)}: {line.text or 'done'}", agent_colour(agent), INK if line.moving else SOFT

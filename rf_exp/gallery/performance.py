@@ -1,6 +1,6 @@
-"""One expert episode: made without pictures, then played again for the cameras.
+"""Expert episodes for the gallery: generated without pictures, then replayed with rendering.
 
-The same actions from the same seed give the same episode, so only what is shown has to be drawn.
+The same actions from the same seed give the same episode, so that only the shown steps are rendered.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,37 +15,37 @@ from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator
 from rf_exp.types import CONTROL_DT_S, CameraModel, Scene, activity
 
-HAND_M = 0.12  # of a hand above its fingertips, which shall be seen as well
-ROOM = 1.3  # of what is shown, to what has to be
-CLOSEST = 0.55  # part of a picture that is shown at least
+HAND_M = 0.12  # height of a gripper above its fingertips, to be in view
+ROOM = 1.3  # size of the shown part relative to its content
+CLOSEST = 0.55  # least fraction of a picture that is shown
 Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
-Part = tuple[float, float, float, float]  # of a picture: left, top, right and bottom, pixels
+Part = tuple[float, float, float, float]  # left, top, right, bottom in pixels
 
 
 @dataclass(frozen=True)
 class Line:
-    """What an agent is about at one control step."""
+    """Activity of an agent at one control step."""
 
-    text: str  # its subgoal; empty when it has none left
+    text: str  # its subgoal; empty when none is left
     moving: bool
 
 
 @dataclass(frozen=True)
 class Still:
-    """One moment of an episode from all cameras."""
+    """Pictures of one moment of an episode from all cameras."""
 
     title: str  # start | middle | end
     time_s: float
     pictures: Pictures
-    lines: tuple[Line, ...]  # one an agent
+    lines: tuple[Line, ...]  # one per agent
 
 
 @dataclass(frozen=True)
 class Performance:
-    """A successful episode and the three moments that are shown of it."""
+    """A successful episode and its three stills."""
 
     seed: int
-    part: Part  # of the global view, in which all of it happens
+    part: Part  # part of the global view that contains the action
     actions: NDArray[np.float64]  # (T, N, A)
     lines: tuple[tuple[Line, ...], ...]  # (T, N)
     stills: tuple[Still, ...]
@@ -55,20 +55,20 @@ class Performance:
         return len(self.actions) * CONTROL_DT_S
 
     def line(self, step: int) -> tuple[Line, ...]:
-        """What the agents are about at a step; at the end, what they did last, standing still."""
+        """Activities of the agents at a step; after the last step, the last ones without motion."""
         if step < len(self.lines):
             return self.lines[step]
         return tuple(Line(line.text, False) for line in self.lines[-1])
 
 
 class Prompter(NullObserver):
-    """An observer that notes at every step which subgoal each agent is at, and who touches something."""
+    """Observer that records at every step each agent's subgoal, and how many agents touch an object."""
 
     def __init__(self) -> None:
         self.actions: list[NDArray[np.float64]] = []
         self.scenes: list[Scene] = []
         self.lines: list[tuple[Line, ...]] = []
-        self.touching: list[int] = []  # agents that hold or push something
+        self.touching: list[int] = []  # number of agents that hold or push an object
         self._plan: Planned | None = None
         self._since = 0
 
@@ -87,7 +87,7 @@ class Prompter(NullObserver):
 
 
 def _line(plan: Planned, agent: int, step: int, held: str | None) -> Line:
-    """What an agent is about in a step of a plan; it may only hold a thing."""
+    """Activity of an agent at a step of a plan, which may be holding an object only."""
     now = activity(plan.trajectories[agent - 1], plan.schedule, step)
     if now.segment is None:
         return Line(f"hold {held}" if held else "", False)
@@ -95,7 +95,7 @@ def _line(plan: Planned, agent: int, step: int, held: str | None) -> Line:
 
 
 def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performance | None, str]:
-    """The expert's episode of a seed with its stills, or None and why there is none."""
+    """(the expert's episode of a seed with its stills, ""), or (None, reason) where it fails."""
     prompter = Prompter()
     outcome = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), prompter).make(seed)
     if not outcome.success:
@@ -111,10 +111,10 @@ def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performanc
 
 
 def _middle(touching: list[int]) -> int:
-    """The step of the middle half with the most agents at work, of these the one nearest to half-way.
+    """The step within the middle half with the most agents at work, of these the nearest to half-way.
 
-    Half of the steps alone often falls on a moment at which arms pass from one thing to the next; without
-    the middle half, tasks that end with all hands on one thing would show their end twice.
+    The half-way step itself often falls between two subgoals; without the limit to the middle half, tasks
+    that end with all grippers on one object would show their end twice.
     """
     steps = np.arange(len(touching) // 4, 3 * len(touching) // 4 + 1)
     at_work = np.array(touching)[steps]
@@ -123,7 +123,7 @@ def _middle(touching: list[int]) -> int:
 
 
 def _places_m(world: Simulator, scene: Scene) -> NDArray[np.float64]:
-    """(K, 3) where things are, and hands from their fingertips up."""
+    """Positions (K, 3) of objects, of TCPs and of points HAND_M above these."""
     arms = zip(world.task.arms.values(), scene.qpos, strict=True)
     hands = np.array([arm.tcp(qpos)[:3, 3] for arm, qpos in arms])
     things = np.array([pose[:3, 3] for pose in scene.poses.values()])
@@ -131,7 +131,7 @@ def _places_m(world: Simulator, scene: Scene) -> NDArray[np.float64]:
 
 
 def _around(camera: CameraModel, places_m: NDArray[np.float64]) -> Part:
-    """The part of a camera's picture, in its proportions, that has all of these places (K, 3) well inside."""
+    """The part of a camera's picture, at its aspect ratio, that holds all positions (K, 3) with a margin."""
     camera_from_world = np.linalg.inv(camera.world_from_camera)
     seen = (places_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]) @ camera.intrinsics.T
     pixels, size = seen[:, :2] / seen[:, 2:], np.array([camera.width_px, camera.height_px])
@@ -144,9 +144,9 @@ def _around(camera: CameraModel, places_m: NDArray[np.float64]) -> Part:
 def play(
     world: Simulator, seed: int, actions: NDArray[np.float64], shown: set[int]
 ) -> Iterator[tuple[int, dict[str, NDArray[np.uint8]]]]:
-    """Plays an episode again; the pictures before the steps in `shown`, T for after the last.
+    """Replays an episode; yields the pictures before the steps in `shown`, where T is after the last step.
 
-    Raises StageError when it does not end in success as it did before.
+    Raises StageError when the replay does not end in success.
     """
     scene = world.reset(seed)
     judge = SuccessEvaluator(world.task, scene)

@@ -1,4 +1,4 @@
-"""A sheet, a strip and a film of each task, and one sheet of all."""
+"""Contact sheet, strip and film of each task, and an overview."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 
 WIDTH_PX, HEIGHT_PX = 640, 480
-TRIES = 20  # seeds, one after the other
+TRIES = 20  # seeds per task
 QUALITY = 85  # of JPEG
 
 
 def show(experiment: Experiment, folder: Path) -> None:
-    """Draws every task of an experiment into a folder, and those that succeed on one sheet.
+    """Draws every task of an experiment into a folder, and an overview of those that succeed.
 
-    Raises StageError in the end where no episode of a task succeeded.
+    Raises StageError at the end if no episode of some task succeeded.
     """
     panels, failed = [], []
     for task in sorted(experiment.tasks, key=lambda task: len(task.agents)):
@@ -47,7 +47,7 @@ def show(experiment: Experiment, folder: Path) -> None:
 
 
 def _first_success(experiment: Experiment, task: Task, world: Simulator) -> Performance:
-    """The expert's episode of the first scene seed from `seed` on that succeeds."""
+    """The expert's episode of the first successful seed of TRIES from `seed` on. Raises StageError."""
     settings, reason = experiment.settings(task, experiment.constraint_sets[0]), ""
     for seed in range(experiment.seed, experiment.seed + TRIES):
         performance, reason = perform(settings, world, seed)

@@ -1,6 +1,6 @@
-"""The laws of the suite (`suite`), held to tasks by the command and by the tests.
+"""The laws of the suite (`suite`): invariants of every task, checked by the command and by the tests.
 
-What is asked for is imported then: the command's help does without the simulator.
+Names are imported lazily, so that the command's help does not import the simulator.
 """
 
 import lazy_loader

@@ -1,11 +1,11 @@
-"""The laws of the suite, held to tasks: a line a law, that it holds or where it is broken.
+"""Checks the laws of the suite on tasks: prints one line per law, that it holds or where it is broken.
 
 python -m rf_exp.laws task=lift_barrier
 python -m rf_exp.laws task=ring arms=6
 python -m rf_exp.laws "hydra.searchpath=[file://$PWD/tests/tutorial/conf]" task=push_button
 
-Takes the keys of `python -m rf_exp.run`. With render=false the laws of pictures are left out. A law that is
-broken ends the command with code 1.
+Takes the keys of `python -m rf_exp.run`. With render=false the laws about pictures are left out. A broken
+law ends the command with code 1.
 """
 
 import sys
@@ -21,7 +21,7 @@ from rf_exp.progress import console
 
 @composed("laws")
 def main(config: DictConfig) -> None:
-    """One job: every chosen task, one law after the other."""
+    """Checks every chosen task, one law after the other."""
     experiment = read_experiment(settled(config))
     broken = 0
     for task in experiment.tasks:

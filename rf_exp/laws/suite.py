@@ -1,4 +1,4 @@
-"""The laws of the suite: what has to hold of every task in simulation, and where it is broken."""
+"""The laws of the suite: invariants of every task in simulation, each with a check that yields violations."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -18,26 +18,26 @@ from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
 from rf_exp.types import ANYBODY, ConstraintSet, Scene
 
-WIDTH_PX, HEIGHT_PX = 320, 240  # of pictures that laws are about
-RESTING_M = 5e-4  # by so much things that lie on one another may overlap at the start
+WIDTH_PX, HEIGHT_PX = 320, 240  # of the checked pictures
+RESTING_M = 5e-4  # largest overlap of objects in contact at the start
 STILL_STEPS, STILL_M_S, STILL_M = 40, 2e-3, 5e-4
 RANDOM_EPISODES, RANDOM_STEPS = 10, 40
-APPROACHES = 5  # of an episode: to build a scene costs as much as all steps of one
-FEWEST_TOUCHES = 20  # of all approaches, in which something was moved; with less, they prove nothing
-NEAR_M = 0.03  # of the things that random actions go for
+APPROACHES = 5  # per episode: building a scene costs as much as all its steps
+FEWEST_TOUCHES = 20  # least number of approaches that move an object; with fewer they prove nothing
+NEAR_M = 0.03  # standard deviation of random targets about an object
 FLIGHT_STEPS, HIGH_M = 30, 0.04
 THROWS_M_S = ((0.0, 0.0, 2.5), (0.6, 0.6, 1.5), (-0.6, 0.4, 1.5), (0.3, -0.8, 2.0))
-THING_PX, ARM_PX, TABLE_PX = 30, 800, 10_000  # seen at least at the start, of 320 x 240
-DIFFERENT_LEVELS = 5  # of 255, between two views,
-OTHER_BODIES = 0.5  # or in so many of the pixels in which one sees more than the table they see other bodies
-GRIPPER_PX, OBJECT_PX = 150, 40  # seen at least by an agent that works
+THING_PX, ARM_PX, TABLE_PX = 30, 800, 10_000  # least visible pixels at the start, of 320 x 240
+DIFFERENT_LEVELS = 5  # mean difference of two views, of 255; or else
+OTHER_BODIES = 0.5  # fraction of different bodies, of the pixels in which one view shows more than the table
+GRIPPER_PX, OBJECT_PX = 150, 40  # least visible pixels in the view of an agent at work
 
 Broken = Iterator[str]
 
 
 @dataclass(frozen=True)
 class Law:
-    """What has to hold of a task in simulation: the sentence, and what tells where it is broken."""
+    """Invariant of a task in simulation: its sentence, and a check that yields violations."""
 
     says: str
     broken: Callable[[Simulator], Broken]
@@ -69,7 +69,7 @@ def nothing_stands_in_anything(world: Simulator) -> Broken:
         scene = task.start(seed).scene
         planning_scene = PlanningScene(task, scene)
         standing = {name: planning_scene.standing([name]) for name in task.objects if task.asset(name).hulls}
-        # Each as what may touch nothing, unlike one that lies on another.
+        # Without allowed contacts, which objects that lie on others have.
         things = {name: replace(thing, objects=frozenset()) for name, thing in standing.items()}
         for (one, a), (other, b) in combinations(things.items(), 2):
             if (gap_m := nearest(a, b).distance_m) <= -RESTING_M:
@@ -155,7 +155,7 @@ def random_actions_never_succeed(world: Simulator) -> Broken:
 
 
 def _towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(N, dof) rad: each arm goes for a place near a thing, from above; where it cannot reach, anywhere."""
+    """Joint changes (N, dof) rad: each arm to a pose above an object, or random where unreachable."""
     change = rng.normal(0.0, 0.3, (len(task.robots), task.dof))
     for row, (agent, arm) in enumerate(task.arms.items()):
         things = loose(task) or list(task.objects)
@@ -170,7 +170,7 @@ def _towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> NDArr
 
 
 def loose(task: Task) -> list[str]:
-    """The objects that can be moved at all."""
+    """Names of the objects that can move."""
     return [name for name in task.objects if not (task.asset(name).static or task.asset(name).ghost)]
 
 
@@ -205,7 +205,7 @@ def every_view_is_its_own(world: Simulator) -> Broken:
     for (one, a), (other, b) in combinations(pictures.items(), 2):
         things = ~(np.isin(seen[one], table) & np.isin(seen[other], table))
         others = (seen[one] != seen[other])[things]
-        # Arms in a circle see alike, each its own things.
+        # Views of arms in a circle look alike, but show different bodies.
         if np.abs(a.astype(int) - b).mean() <= DIFFERENT_LEVELS and others.mean() <= OTHER_BODIES:
             yield f"{one} and {other} see the same"
 
@@ -229,11 +229,11 @@ def everything_is_seen_at_the_start(world: Simulator) -> Broken:
 
 
 class _Moments(NullObserver):
-    """Notes when each agent has just closed its fingers, presses, strikes, or is about to shut or let go."""
+    """Observer of the steps at which an agent ends a close, press or strike, or begins a shut or open."""
 
     def __init__(self) -> None:
         self.actions: list[NDArray[np.float64]] = []
-        self.found: dict[int, set[tuple[int, str]]] = {}  # step -> agents at work, each with its object
+        self.found: dict[int, set[tuple[int, str]]] = {}  # step -> (agent at work, object)
 
     def planned(self, plan: Planned) -> None:
         for trajectory in plan.trajectories:
@@ -296,7 +296,7 @@ LAWS = (
 
 
 def judged(task: Task, *, pictures: bool = True) -> Iterator[tuple[Law, list[str]]]:
-    """Each law, without `pictures` but those of pictures, and where a task breaks it; nowhere: it holds."""
+    """Each law with its violations by a task; without `pictures`, only laws that need none."""
     for law in LAWS:
         if pictures or not law.pictures:
             with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:

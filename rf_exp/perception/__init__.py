@@ -1,15 +1,14 @@
-"""What depth cameras see of a scene: occupied voxels, and the obstacles that they make (paper, section 3.2).
+"""Perception: occupied voxels from depth cameras, and the obstacles made of them (paper, section 3.2).
 
-Every pixel becomes a point in the world. The table, and what is below it or out of every arm's reach, is
-left out; so is what the joint states explain: the arms, and what they hold. What remains is somebody's
-surface, and the voxels that it lies in are occupied, by objects of the task and by anything else alike. What
-is below a surface, down to the table, is taken to be filled, so that the back of a thing, which no camera
-sees, is in the way as well.
+Every pixel becomes a point in the world. Points on or below the table or out of every arm's reach are left
+out, and so are points that joint states explain: on the arms and on held objects. Voxels with remaining
+points are occupied, by objects of the task or by anything else. The space below a surface, down to the table,
+counts as occupied, so that the backs of objects, which no camera sees, are obstacles as well.
 
-Voxels are too coarse to work in. So an agent does not mind those of what its subgoals are about, and of
-what somebody holds or moves; nor, close to these, those of other objects that the task knows. All of these
-stand in for their voxels, with their measured poses. Nor does it mind the voxels it stands in itself.
-Anything else that is seen is in the way.
+Voxels are too coarse for manipulation. An agent therefore ignores the voxels of the objects of its subgoals
+and of objects that any agent holds or moves, and, close to these, the voxels of other objects of the task.
+For all of these objects their measured poses are used instead. It also ignores the voxels at its own arm's
+start. All other occupied voxels are obstacles.
 """
 
 from collections.abc import Collection, Mapping
@@ -25,14 +24,14 @@ from rf_exp.types import CameraModel
 
 __all__ = ["SEEN", "Seen", "down_to_table", "look"]
 
-NOISE_M = 0.01  # a point this near to the table, an arm, or what it holds may be theirs
-REACH_M = 1.2  # of an arm with its gripper and a load; what is farther from every base is in nobody's way
-POINT_M = 0.01  # of all points in a cube of this edge one is looked at
-FAR_M = 2.0  # so far from a camera the points of its pixels may be that far apart
-FEWEST = 3  # such points that make a voxel occupied: of noise that goes far some always remains
+NOISE_M = 0.01  # points this near to the table, an arm or a held object are assigned to it
+REACH_M = 1.2  # of an arm with gripper and load; points farther from every base are left out
+POINT_M = 0.01  # edge of the grid cells that keep one point each
+FAR_M = 2.0  # distance from a camera at which its points may be POINT_M apart
+FEWEST = 3  # least points of an occupied voxel: some outliers of depth noise always remain
 SEEN = "something that the cameras see"
-NEAR_M = VOXEL_M  # fingers need so much room round what they take or put down
-STARTS_M = VOXEL_M / 2  # an arm stands free where it begins, however near a voxel comes to it
+NEAR_M = VOXEL_M  # clearance that fingers need around an object they grasp or put down
+STARTS_M = VOXEL_M / 2  # voxels this near to an arm's start are ignored: it starts collision-free
 
 Points = NDArray[np.float32]  # (K, 3) world frame
 
@@ -42,10 +41,10 @@ def look(
     cameras: Mapping[str, CameraModel],
     planning_scene: PlanningScene,
 ) -> Voxels:
-    """Voxels (K, 3) in which a camera sees a surface that is no table's and no arm's. In lexical order.
+    """Voxels (K, 3) with a visible surface that is not the table, an arm or a held object, in lexical order.
 
-    `depth`: camera -> (H, W) metres along the viewing direction, 0 where nothing was measured, with the
-    models of these cameras. The scene of `planning_scene` says where the arms are then, and what they hold.
+    `depth`: camera -> (H, W) metres along the viewing direction, 0 where nothing was measured; `cameras` has
+    the models of these cameras, and the scene of `planning_scene` the arms and held objects at that time.
     """
     bases_m = [robot.world_from_base[:2, 3] for robot in planning_scene.task.robots]
     seen = [points(depth[name], cameras[name]) for name in depth]
@@ -60,22 +59,22 @@ def look(
 
 
 def points(depth: NDArray[np.float32], camera: CameraModel) -> Points:
-    """(K, 3) world positions of the pixels of a depth picture (H, W) that see something above the table.
+    """World positions (K, 3) of the pixels of a depth picture (H, W) above the table.
 
-    Of a fine picture every second pixel or fewer: as many as keep points `FAR_M` away `POINT_M` apart.
+    Fine pictures are subsampled such that points at `FAR_M` are at most `POINT_M` apart.
     """
     rotation, eye_m = camera.world_from_camera[:3, :3].astype(np.float32), camera.world_from_camera[:3, 3]
     every = max(1, int(POINT_M / FAR_M * camera.intrinsics[0, 0]))
     along_m = depth[::every, ::every].ravel()
     rays = _rays(camera.width_px, camera.height_px, camera.fov_y_rad, every)
     height_m = along_m * (rays @ rotation[2]) + np.float32(eye_m[2])
-    # Few: most pixels see the table or the floor.
+    # Select first: most pixels show the table or the floor.
     above = np.flatnonzero((height_m > NOISE_M) & (along_m > 0) & np.isfinite(height_m))
     return (along_m[above, None] * (rays[above] @ rotation.T) + eye_m).astype(np.float32)
 
 
 def within(body: Swept, found: Points, margin_m: float) -> NDArray[np.bool_]:
-    """(K,) True for points (K, 3) in a body at its first position, or about `margin_m` outside its faces."""
+    """Mask (K,) of points (K, 3) in a body at its first position, or within about `margin_m` of its faces."""
     inside = np.zeros(len(found), dtype=bool)
     for column, piece in enumerate(body.pieces):
         pose = body.poses[0, column].astype(np.float32)
@@ -89,7 +88,7 @@ def within(body: Swept, found: Points, margin_m: float) -> NDArray[np.bool_]:
 
 
 def _one_of_each_cube(found: Points) -> Points:
-    """The first point of all that lie in one cube of a grid of `POINT_M`."""
+    """The first point in each cell of a grid of `POINT_M`."""
     if not len(found):
         return found
     x, y, z = np.floor((found - found.min(axis=0)) / np.float32(POINT_M)).astype(np.int64).T
@@ -99,7 +98,7 @@ def _one_of_each_cube(found: Points) -> Points:
 
 @cache
 def _rays(width_px: int, height_px: int, fov_y_rad: float, every: int) -> Points:
-    """(K, 3) where the middles of pixels, one of `every` each way, are at depth 1; OpenCV axes."""
+    """Centres (K, 3) of every `every`-th pixel along both axes, at depth 1; OpenCV axes."""
     camera = CameraModel(width_px, height_px, fov_y_rad, np.eye(4))
     u, v = np.meshgrid(np.arange(0, width_px, every) + 0.5, np.arange(0, height_px, every) + 0.5)
     pixels = np.column_stack([u.ravel(), v.ravel(), np.ones(u.size)])
@@ -107,11 +106,11 @@ def _rays(width_px: int, height_px: int, fov_y_rad: float, every: int) -> Points
 
 
 class Seen:
-    """The voxels seen in a scene, and whose they may be."""
+    """Occupied voxels of a scene, and the objects that they may belong to."""
 
     def __init__(self, planning_scene: PlanningScene) -> None:
         scene, seen = planning_scene.scene, planning_scene.scene.seen
-        assert seen is not None  # the cameras have looked
+        assert seen is not None  # only for scenes with depth pictures
         self._occupied = occupied = down_to_table(seen)
         self._held = frozenset(name for name in scene.held if name)
         objects = {name: planning_scene.standing([name]) for name in planning_scene.task.objects}
@@ -126,9 +125,9 @@ class Seen:
         self._found: dict[tuple[int, frozenset[str]], tuple[Swept, frozenset[str]]] = {}
 
     def obstacles(self, agent: int, minds_not: Collection[str]) -> tuple[Swept, frozenset[str]]:
-        """What an agent has to avoid: boxes, one body, and the objects that stand in for voxels left out.
+        """Obstacles of an agent: occupied boxes as one body, and the objects that replace ignored voxels.
 
-        `minds_not` names what its subgoals are about, and what somebody moves.
+        `minds_not` names the objects of its subgoals and the objects that any agent moves.
         """
         exactly = self._held | set(minds_not)
         key = agent, exactly
@@ -142,7 +141,7 @@ class Seen:
 
 
 def down_to_table(seen: Voxels) -> Voxels:
-    """Seen voxels (K, 3), above the table and in lexical order, with all that are below them."""
+    """Voxels (K, 3), above the table and in lexical order, and all voxels below them down to the table."""
     top = np.append((seen[1:, :2] != seen[:-1, :2]).any(axis=1), np.ones(min(len(seen), 1), dtype=bool))
     columns = seen[top]
     height = columns[:, 2] + 1
@@ -152,7 +151,7 @@ def down_to_table(seen: Voxels) -> Voxels:
 
 
 def boxes(occupied: Voxels) -> Swept:
-    """Voxels (K, 3) as one body (P = 1), neighbours joined to boxes on one axis after another."""
+    """Voxels (K, 3) as one body (P = 1); neighbours are merged to boxes along one axis after another."""
     low, high = occupied, occupied + 1
     for axis in range(3):
         low, high = _joined(low, high, axis)
@@ -163,7 +162,7 @@ def boxes(occupied: Voxels) -> Swept:
 
 
 def _joined(low: Voxels, high: Voxels, axis: int) -> tuple[Voxels, Voxels]:
-    """Boxes (B, 3) from `low` to `high`, rows of equal ones on an axis joined."""
+    """Boxes (B, 3) from `low` to `high`, with adjacent equal ones merged along an axis."""
     across = [other for other in range(3) if other != axis]
     order = np.lexsort((low[:, axis], *low[:, across].T, *high[:, across].T))
     low, high = low[order], high[order].copy()
@@ -179,6 +178,6 @@ def _joined(low: Voxels, high: Voxels, axis: int) -> tuple[Voxels, Voxels]:
 
 @cache
 def _box(x: int, y: int, z: int) -> Piece:
-    """A box of so many voxels, its lowest corner at the origin."""
+    """A box of x, y, z voxels, its lowest corner at the origin."""
     size_m = np.array([x, y, z]) * VOXEL_M
     return Piece.of(trimesh.creation.box(size_m, transform(size_m / 2)))

@@ -1,7 +1,7 @@
-"""Tasks and their assets: geometry, plans and success criteria. Knows no simulator.
+"""Tasks and their assets: geometry, plans and success criteria. Independent of the simulator.
 
-`assets` has what stands on the table, `predicates` what the success of a task is made of, `shared` what
-several tasks do alike.
+`assets` holds the objects on the table, `predicates` the building blocks of success criteria, `shared` code
+that several tasks have in common.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Camera Alignment: two arms lift the camera, a third holds the steak where the camera looks."""
+"""Camera Alignment: two arms lift the camera, a third holds the steak in front of its lens."""
 
 from rf_exp.statements import Proposal, keep_clear
 from rf_exp.tasks import Task
@@ -12,7 +12,7 @@ places = held_camera.places
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Both sides of the camera and the steak are grasped; up goes the camera, in front of it the steak."""
+    """Grasp the camera on both sides and the steak; lift the camera, carry the steak in front of it."""
     subgoals = held_camera.camera_up(scene, task) + held_camera.steak_in_front(scene, task)
     if not subgoals:
         return Proposal((), ())

@@ -1,4 +1,4 @@
-"""Four Robots Stack Cube: two arms pass a cube each to two others, which stack them on the goal."""
+"""Four Robots Stack Cube: two arms pass one cube each to two others, which stack them on the goal."""
 
 from math import dist
 
@@ -13,18 +13,18 @@ from rf_exp.types import Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-LANES = {"blue": (1, 3), "red": (2, 4)}  # cube -> agents, the giver and the taker
-STOP_M = (0.35, 0.5)  # where a cube changes hands, on the side of its arms
+LANES = {"blue": (1, 3), "red": (2, 4)}  # cube -> (giver, taker), agents
+STOP_M = (0.35, 0.5)  # x, y of the transfer of blue; x is mirrored for red
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """Where cubes change hands: `stop1` is where agent 1 lays the blue one for agent 3."""
+    """Transfer places: agent 1 puts the blue cube down for agent 3 at `stop1`."""
     x_m, y_m = STOP_M
     return {"stop1": planar(x_m, y_m, 0.0), "stop2": planar(-x_m, y_m, 0.0)}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Both cubes are passed on; the red one comes down once the blue one lies on the goal."""
+    """Both cubes are passed on; the red one is placed once the blue one lies on the goal."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     standing = stacking.standing(scene, task, [*LANES])
@@ -43,7 +43,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def _with_giver(scene: Scene, task: Task, cube: str) -> bool:
-    """Whether its giver holds the cube, or nobody does and it is nearer to the giver than to the taker."""
+    """Whether the giver holds the cube, or no agent does and it is nearer to the giver than to the taker."""
     held, (giver, taker) = holders(scene, cube), LANES[cube]
     if held:
         return giver in held

@@ -9,7 +9,7 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 GRIPS = {1: "left", 2: "right"}  # the end nearest to each arm
-LIFT_M = 0.17  # of both grippers: the required rise and a little to spare
+LIFT_M = 0.17  # lift of both grippers: slightly more than the required rise
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -27,11 +27,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Both arms hold the barrier, it is up, level and at rest."""
+    """Both arms hold the barrier, which is lifted, level and at rest."""
     held = holders(scene, "barrier") == task.agents
     return {"held by both arms": held, **raised(scene, start, "barrier", task.success)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: the centre is higher than its start by the threshold."""
+    """The release's criterion: the centre has risen by more than the threshold."""
     return risen_m(scene, start, "barrier") > task.success["lift_m"]

@@ -1,4 +1,4 @@
-"""Long Pipeline Delivery: a shoe goes through the hands of four arms to the goal."""
+"""Long Pipeline Delivery: four arms pass a shoe on to the goal."""
 
 from itertools import pairwise
 
@@ -13,11 +13,11 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 CHAIN = (4, 3, 2, 1)  # agents from the shoe to the goal
-STOP_X_M = -0.35  # of the places between two neighbours
+STOP_X_M = -0.35  # x of the transfer places
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """Half-way between neighbours: `stop4` is where agent 4 lays the shoe for agent 3."""
+    """Transfer places half-way between neighbours: at `stop4` agent 4 puts the shoe down for agent 3."""
     bases = {agent: task.robots[agent - 1] for agent in CHAIN}
     return {
         f"stop{giver}": planar(STOP_X_M, (bases[giver].y_m + bases[taker].y_m) / 2, 0.0)
@@ -26,7 +26,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """From where the shoe is now: each arm lays it within reach of the next one and yields."""
+    """The rest of the chain: each arm puts the shoe down within reach of the next one and yields."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     subgoals, constraints = deliver("shoe", remaining(scene, task, "shoe", CHAIN), "goal")

@@ -1,4 +1,4 @@
-"""Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
+"""Pass Shoe: one arm puts the shoe down half-way, the other brings it to the goal."""
 
 from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
@@ -12,16 +12,16 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 GIVER, TAKER = 1, 2
-MIDWAY = (0.0, 0.0)  # within reach of both, m
+MIDWAY = (0.0, 0.0)  # x, y in m, within reach of both arms
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """Where the shoe changes hands: world_from_object (4, 4)."""
+    """`midway`: world_from_object (4, 4) of the shoe at the transfer."""
     return {"midway": planar(*MIDWAY, 0.0)}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """The giver lays the shoe midway and yields; the taker brings it to the goal."""
+    """The giver puts the shoe down midway and yields; the taker brings it to the goal."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     give, take = fetch(GIVER, "shoe", "midway"), fetch(TAKER, "shoe", "goal", "middle")

@@ -9,7 +9,7 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 ARM = 1
-LIFT_M = 0.17  # a little more than the required rise
+LIFT_M = 0.17  # slightly more than the required rise
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -22,7 +22,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The arm holds the steak, it is up and at rest."""
+    """The arm holds the steak, which is lifted and at rest."""
     return {
         "held": holders(scene, "steak") == (ARM,),
         "lifted": above(risen_m(scene, start, "steak"), task.success["lift_m"], "m"),

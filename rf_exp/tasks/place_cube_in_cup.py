@@ -12,18 +12,18 @@ from rf_exp.types import Condition, Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-HOLDER, GIVER = 1, 2  # the agents: one holds the cup, the other drops the cube in
-BETWEEN_M = (0.1, -0.05)  # where both reach the cup
+HOLDER, GIVER = 1, 2  # agents: the first holds the cup, the second drops the cube in
+BETWEEN_M = (0.1, -0.05)  # x, y at which both arms reach the cup
 LIFT_M = 0.03
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """Named places on the table: world_from_object (4, 4) of what is put there."""
+    """`between`: world_from_object (4, 4) of the cup between the arms."""
     return {"between": planar(*BETWEEN_M, 0.0)}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """The cup is held out while the cube is fetched, which is dropped in once the cup is there."""
+    """Hold the cup out while the cube is fetched; drop the cube once the cup is in place."""
     if _inside(scene, task) and not holders(scene, "cube"):
         return Proposal((), ())
     subgoals: list[Subgoal] = []
@@ -49,7 +49,7 @@ def _inside(scene: Scene, task: Task) -> Condition:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The cube lies in the upright cup, which the one arm holds or which stands; nothing moves."""
+    """The cube lies in the upright cup, which is held by its arm or stands released; all objects at rest."""
     limits, held = task.success, holders(scene, "cup")
     stands = below(height_m(scene, "cup"), limits["stands_m"], "m")
     return {
@@ -62,7 +62,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: the cube is low over a cup that has not been turned over."""
+    """The release's criterion: the cube is at the height of the cup and near it; the cup is not upset."""
     limits, size = task.success, task.objects["cup"].size
     over_m = height_m(scene, "cube") - height_m(scene, "cup")
     low = size * limits["paper_least_m"] < over_m < size * limits["paper_most_m"]

@@ -10,19 +10,19 @@ from rf_exp.types import Condition, Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-COOK, HELPER = 1, 2  # the agents: one brings the food, the other opens the pot
+COOK, HELPER = 1, 2  # agents: the first brings the food, the second opens the pot
 LID_LIFT_M = 0.12
-ASIDE_M = 0.27  # from a pot of the usual size to where the lid is put, towards the helper
+ASIDE_M = 0.27  # from the pot (at size 1) to the place of the lid, towards the helper
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """Named places on the table: world_from_object (4, 4) of what is put there."""
+    """`aside`: world_from_object (4, 4) of the lid beside the pot."""
     pot = scene.poses["pot"]
     return {"aside": planar(pot[0, 3], pot[1, 3] + task.objects["pot"].size * ASIDE_M, 0.0)}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Lid up and aside while the steak is fetched; the steak goes in once the lid is up."""
+    """Lift the lid and put it aside while the steak is fetched; place the steak once the lid is lifted."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     if not _lid_off(scene, task) or not released(scene, ["lid"]):
@@ -48,7 +48,7 @@ def _lid_off(scene: Scene, task: Task) -> Condition:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The steak lies in the upright pot, the lid beside it, nothing is held, nothing moves."""
+    """The steak lies in the upright pot, the lid beside it; both are released, all objects at rest."""
     limits = task.success
     lid_down = below(height_m(scene, "lid"), limits["lid_down_m"], "m")
     return {

@@ -1,4 +1,4 @@
-"""Named measurements on a scene, so that success criteria read in words."""
+"""Predicates and measurements on a scene, from which success criteria are composed."""
 
 from collections.abc import Callable, Iterable, Mapping
 from math import acos, degrees, hypot
@@ -15,7 +15,7 @@ Found = TypeVar("Found")
 
 
 def once(measure: Callable[[Scene, Task], Found]) -> Callable[[Scene, Task], Found]:
-    """Measures each scene at the first call alone: for what conditions and the paper's criterion share."""
+    """Caches the measurement of the last scene, which conditions and the paper's criterion share."""
     last: tuple[Scene, Task, Found] | None = None
 
     def measured(scene: Scene, task: Task) -> Found:
@@ -39,7 +39,7 @@ def below(value: float, bound: float, unit: str) -> Measured:
 
 
 def every(conditions: Iterable[Measured]) -> Measured:
-    """Whether all of them hold: the first that does not, or else the last. At least one is needed."""
+    """The first condition that does not hold, or else the last one. At least one is needed."""
     for found in conditions:
         if not found:
             break
@@ -47,17 +47,17 @@ def every(conditions: Iterable[Measured]) -> Measured:
 
 
 def height_m(scene: Scene, name: str) -> float:
-    """Height of the object's origin above the table."""
+    """Height of the object's origin above the table top."""
     return float(scene.poses[name][2, 3])
 
 
 def risen_m(scene: Scene, start: Scene, name: str) -> float:
-    """How far the object's origin is above where it started."""
+    """Height of the object's origin above its start."""
     return height_m(scene, name) - height_m(start, name)
 
 
 def distance_xy_m(a: Matrix, b: Matrix) -> float:
-    """Distance of two origins on the table."""
+    """Horizontal distance between the origins of two poses."""
     return hypot(*(a[:2, 3] - b[:2, 3]).tolist())
 
 
@@ -72,12 +72,12 @@ def still(scene: Scene, name: str, below_m_s: float) -> Measured:
 
 
 def at_rest(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) -> Measured:
-    """Whether all of the objects are still. Reads `still_m_s` of the task's thresholds."""
+    """Whether all of the objects are still. Reads the threshold `still_m_s`."""
     return every(still(scene, name, limits["still_m_s"]) for name in names)
 
 
 def holders(scene: Scene, name: str) -> tuple[int, ...]:
-    """The agents that pinch the object between their fingers."""
+    """The agents that hold the object between their fingers."""
     return tuple([agent for agent, held in enumerate(scene.held, start=1) if held == name])
 
 
@@ -87,10 +87,9 @@ def upright(scene: Scene, name: str, within_deg: float) -> Measured:
 
 
 def on(scene: Scene, task: Task, top: str, bearer: str, beside_m: float) -> Measured:
-    """Whether `top` lies on the point `top` of `bearer`, at most `beside_m` beside it.
+    """Whether object `top` lies on the place point `top` of `bearer`, at most `beside_m` off horizontally.
 
-    That bound is for things of the usual size, and is as much wider as `bearer` is larger. Reads `above_m`
-    of the task's thresholds.
+    The horizontal bound scales with the size of `bearer`. Reads the threshold `above_m`.
     """
     x_m, y_m, z_m = (scene.poses[top][:3, 3] - scene.poses[bearer][:3, 3]).tolist()
     beside_m, within_m = hypot(x_m, y_m), task.objects[bearer].size * beside_m
@@ -101,7 +100,7 @@ def on(scene: Scene, task: Task, top: str, bearer: str, beside_m: float) -> Meas
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:
-    """Whether nobody holds any of the objects."""
+    """Whether no agent holds any of the objects."""
     return not any(name in scene.held for name in names)
 
 
@@ -111,9 +110,9 @@ def pushed_n(scene: Scene, agent: int, name: str, direction: NDArray[np.float64]
 
 
 def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) -> dict[str, Condition]:
-    """Conditions of things that have been put down: upright, let go, at rest.
+    """Conditions of objects that have been put down: upright, released, at rest.
 
-    Reads `upright_deg` and `still_m_s` of the task's thresholds.
+    Reads the thresholds `upright_deg` and `still_m_s`.
     """
     names = tuple(names)
     return {
@@ -124,9 +123,9 @@ def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) ->
 
 
 def raised(scene: Scene, start: Scene, name: str, limits: Mapping[str, float]) -> dict[str, Condition]:
-    """Conditions of a thing that is held up: above where it started, level, at rest.
+    """Conditions of an object that is held up: above its start, level, at rest.
 
-    Reads `lift_m`, `level_deg` and `still_m_s` of the task's thresholds.
+    Reads the thresholds `lift_m`, `level_deg` and `still_m_s`.
     """
     return {
         "lifted": above(risen_m(scene, start, name), limits["lift_m"], "m"),
@@ -136,20 +135,20 @@ def raised(scene: Scene, start: Scene, name: str, limits: Mapping[str, float]) -
 
 
 def on_goal(scene: Scene, name: str, goal: str, limits: Mapping[str, float]) -> Measured:
-    """Whether the object lies on the table at a mark.
+    """Whether the object lies on the table at a goal.
 
-    Reads `goal_m` and `above_m` of the task's thresholds.
+    Reads the thresholds `goal_m` and `above_m`.
     """
     down = below(height_m(scene, name), limits["above_m"], "m")
     return every((near(scene, name, goal, limits["goal_m"]), down))
 
 
 def near(scene: Scene, name: str, target: str | Matrix, within_m: float) -> Measured:
-    """Whether the object is that near to another one, or to a place, seen from above."""
+    """Whether the horizontal distance to another object, or to a pose, is below a bound."""
     there = scene.poses[target] if isinstance(target, str) else target
     return below(distance_xy_m(scene.poses[name], there), within_m, "m")
 
 
 def far(scene: Scene, name: str, other: str, beyond_m: float) -> Measured:
-    """Whether the object is farther than that from another one, seen from above."""
+    """Whether the horizontal distance to another object is above a bound."""
     return above(distance_xy_m(scene.poses[name], scene.poses[other]), beyond_m, "m")

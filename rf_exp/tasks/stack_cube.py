@@ -21,7 +21,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The blue cube lies on the red one, both level, let go and at rest."""
+    """The blue cube lies on the red one, both level, released and at rest."""
     on_red = on(scene, task, "blue", "red", task.success["beside_m"])
     return {"blue on red": on_red, **set_down(scene, task.objects, task.success)}
 

@@ -23,7 +23,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The held hammer stands on the cube with its face down, and the cube is where it was."""
+    """The held hammer rests on the cube with its face down, and the cube has not moved."""
     limits = task.success
     slipped_m = dist(scene.poses["cube"][:3, 3].tolist(), start.poses["cube"][:3, 3].tolist())
     there = every((below(slipped_m, limits["slip_m"], "m"), upright(scene, "cube", limits["face_deg"])))

@@ -10,11 +10,11 @@ from rf_exp.types import Condition, Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-SMITH, HELPER = 1, 2  # the agents: one strikes, the other brings the cube
+SMITH, HELPER = 1, 2  # agents: the first strikes, the second brings the cube
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """The hammer is taken while the cube is fetched; it comes down once the cube lies on the goal."""
+    """Grasp the hammer while the cube is fetched; strike once the cube lies on the goal."""
     subgoals: list[Subgoal] = []
     brought = on_goal(scene, "cube", "goal", task.success) and released(scene, ["cube"])
     if brought and striking.struck(scene, task, SMITH):
@@ -27,7 +27,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The cube lies on the goal, let go and at rest; the held hammer stands on it with its face down."""
+    """The cube lies on the goal, released and at rest; the held hammer rests on it with its face down."""
     return {
         **striking.conditions(scene, task, SMITH),
         "cube on the goal": on_goal(scene, "cube", "goal", task.success),
@@ -36,6 +36,6 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: the hammer's head is near the top of the cube, which is near the goal."""
+    """The release's criterion: the hammer's head is near the top of the cube, and the cube near the goal."""
     struck = striking.paper(scene, start, task)
     return struck and bool(near(scene, "cube", "goal", task.success["paper_goal_m"]))

@@ -18,7 +18,7 @@ places = held_camera.places
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """All is grasped; the camera goes up and the steak in front of it; then the shutter is pressed."""
+    """Grasp everything; lift the camera and carry the steak in front of it; then press the shutter."""
     before = held_camera.camera_up(scene, task) + held_camera.steak_in_front(scene, task)
     if before:
         subgoals = [each for each in before if each.verb == "grasp"] or before
@@ -39,12 +39,12 @@ def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
 
 
 def _shutter(scene: Scene, task: Task) -> Matrix:
-    """world_from_tcp of a finger that presses the shutter, z along the way it goes down."""
+    """world_from_tcp (4, 4) of the gripper that presses the shutter, z along the press direction."""
     return scene.poses["camera"] @ task.points["camera"]["shutter"]
 
 
 def _pressed(scene: Scene, task: Task) -> bool:
-    """Whether the photographer's fingers are on the shutter and push it the way it goes."""
+    """Whether the photographer's fingers are on the shutter and push along its press direction."""
     limits, shutter = task.success, _shutter(scene, task)
     if pushed_n(scene, PHOTOGRAPHER, "camera", shutter[:3, 2]) <= limits["press_n"]:
         return False
@@ -54,12 +54,12 @@ def _pressed(scene: Scene, task: Task) -> bool:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The camera is aligned with the steak, all of it held, and its shutter is pressed."""
+    """Camera and steak are held and aligned, and the shutter is pressed."""
     return {**held_camera.conditions(scene, start, task), "shutter pressed": _pressed(scene, task)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
+    """The release's criterion: both high enough, one TCP near the shutter, another near the steak."""
     limits = task.success
     if not held_camera.paper(scene, start, task):
         return False

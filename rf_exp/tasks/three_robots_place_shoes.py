@@ -9,12 +9,12 @@ from rf_exp.types import Condition, Measured, Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-SHOES = {"left_shoe": (1, "left"), "right_shoe": (2, "right")}  # shoe -> its agent, and its side of the box
+SHOES = {"left_shoe": (1, "left"), "right_shoe": (2, "right")}  # shoe -> (agent, drop point of the box)
 SWEEPER = 3
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Both shoes are put into the box; once they lie there the lid is swept shut."""
+    """Put both shoes into the box, then sweep the lid shut."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     for shoe, (agent, side) in SHOES.items():
@@ -40,7 +40,7 @@ def _shut(scene: Scene, task: Task) -> Measured:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Both shoes stand in the box, let go and at rest, under the lid, which is shut and at rest."""
+    """Both shoes stand upright in the box, released and at rest; the lid is shut and at rest."""
     return {
         "shoes in the box": every(_inside(scene, task, shoe) for shoe in SHOES),
         "lid shut": every((_shut(scene, task), still(scene, "lid", task.success["still_m_s"]))),
@@ -49,7 +49,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: both shoes are low and near the box and let go, and the lid is shut."""
+    """The release's criterion: both shoes are low, near the box and released, and the lid is shut."""
     limits = task.success
     low = all(height_m(scene, shoe) < limits["paper_height_m"] for shoe in SHOES)
     by = all(near(scene, shoe, "box", limits["paper_distance_m"]) for shoe in SHOES)

@@ -11,21 +11,21 @@ from rf_exp.types import Condition, Scene
 VERSION = "1"
 PLAN_VERSION = "1"
 
-STACK = {"blue": 1, "red": 2, "green": 3}  # cubes and their agents, from the bottom up
+STACK = {"blue": 1, "red": 2, "green": 3}  # cube -> agent, from the bottom up
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Everybody fetches a cube; each is placed once the one below it lies there."""
+    """All arms fetch their cubes; each is placed once the one below it is in place."""
     return stacking.plan(scene, task, STACK)
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Each cube is in its place, level, let go and at rest."""
+    """Each cube is in its place, level, released and at rest."""
     return stacking.conditions(scene, task, [*STACK])
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: each cube above the one below, the upper two near the goal."""
+    """The release's criterion: each cube above the one below, the upper two near the goal, none held."""
     limits = task.success
     steps = [*pairwise(STACK)]
     over_goal = all(near(scene, top, "goal", limits["paper_goal_m"]) for _, top in steps)

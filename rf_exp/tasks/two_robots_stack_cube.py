@@ -10,12 +10,12 @@ from rf_exp.types import Condition, Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-BASE, TOP = 1, 2  # the agents
+BASE, TOP = 1, 2  # agents
 CUBES = ("blue", "red")
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Both fetch their cubes; the red one comes down once the blue one lies on the goal."""
+    """Both arms fetch their cubes; the red one is placed once the blue one lies on the goal."""
     subgoals: list[Subgoal] = []
     on_the_goal, on_blue = stacking.standing(scene, task, CUBES)
     if not on_the_goal or holders(scene, "blue"):
@@ -31,7 +31,7 @@ conditions = stacking.conditions_of_two
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> Condition:
-    """The release's criterion: red above blue, blue near the goal, nothing grasped."""
+    """The release's criterion: red above blue, blue near the goal, neither cube held."""
     near_goal = near(scene, "blue", "goal", task.success["paper_goal_m"])
     above = on(scene, task, "red", "blue", task.success["paper_beside_m"])
     return near_goal and above and released(scene, CUBES)

@@ -1,7 +1,7 @@
-"""Procedural assets: one module a thing, each with a function `build(...)` returning its `Asset`.
+"""Procedural assets: one module per asset, each with a function `build(...)` that returns an `Asset`.
 
-A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.asset.mesh`, and what a
-person has of the authors' release through the files of that, see `rf_exp.tasks.assets.asset.annotated`.
+A user's own mesh is loaded through its annotation file, see `rf_exp.tasks.assets.asset.mesh`, and an asset of
+the authors' release from a local copy of its files, see `rf_exp.tasks.assets.asset.annotated`.
 """
 
 from collections.abc import Mapping
@@ -30,16 +30,16 @@ _MACHINERY = ("__main__", "asset")
 
 
 def available() -> tuple[str, ...]:
-    """Names of the assets that exist."""
+    """Names of the built-in assets."""
     return tuple(module.name for module in iter_modules(__path__) if module.name not in _MACHINERY)
 
 
 def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
-    """The asset of that name, built with `options`; always the same object for the same arguments.
+    """The asset of a name, built with `options`; the same instance for the same arguments.
 
-    The name of a module here, the full name of another module with a function `build(...)`, or the
-    path of an annotation file (.yaml) of a mesh; a path counts from the current folder.
-    Raises ArgumentError for a name that does not exist and for options that it does not take.
+    `name` is a module of this package, the full name of another module with a function `build(...)`, or the
+    path of a mesh's annotation file (.yaml), relative to the current folder.
+    Raises ArgumentError for a name that does not exist and for unknown options.
     """
     return _load(name, tuple(sorted(options.items())) if options else ())
 

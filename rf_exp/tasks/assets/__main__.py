@@ -1,4 +1,4 @@
-"""Prints the annotation of a built-in asset, from which a user's own can start.
+"""Prints the annotation of a built-in asset, as a template for a user's own.
 
 python -m rf_exp.tasks.assets shoe --mesh shoe.glb > shoe.yaml
 """
@@ -19,7 +19,7 @@ from rf_exp.tasks.assets.asset import mesh
 
 
 def scene(asset: Asset) -> trimesh.Scene:
-    """What is seen of an asset as a scene of coloured meshes."""
+    """The visible parts of an asset as a scene of coloured meshes."""
     made = trimesh.Scene()
     for part in asset.parts:
         if part.seen:

@@ -6,12 +6,12 @@ from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform
 
 LENGTH_M = 0.60
-THICKNESS_M = 0.026  # along y, well inside the 0.08 m that the hand spans
+THICKNESS_M = 0.026  # along y, well below the gripper's opening of 0.08 m
 BOTTOM_M, TOP_M = 0.046, 0.096  # of the board
 GRIP_X_M, GRIP_Z_M = 0.222, 0.074
 FOOT_X_M, FOOT_LENGTH_M, FOOT_HEIGHT_M = 0.13, 0.16, 0.016
-HEAVIEST_KG = 9.5  # of steel; two grippers that lift at the same time let go of 10.5 kg
-STRIPES, SLANT_M, PROUD_M = 5, 0.03, 0.0005  # a stripe stands a little proud, or it would flicker
+HEAVIEST_KG = 9.5  # of steel; two grippers that lift together lose 10.5 kg
+STRIPES, SLANT_M, PROUD_M = 5, 0.03, 0.0005  # stripes stand proud of the board to avoid z-fighting
 
 WHITE, RED, STEEL = (0.85, 0.84, 0.80), (0.72, 0.04, 0.03), (0.10, 0.11, 0.13)
 
@@ -46,7 +46,7 @@ def _foot(x_m: float) -> tuple[Part, Part]:
 
 
 def _stripe(x_m: float, half_width_m: float) -> Part:
-    """A slanted red band around the board; paint, so the fingers feel a flat board."""
+    """A slanted red band around the board, without collision: the board stays flat for the fingers."""
     corners = [
         (x_m + side * half_width_m + slant, y, z)
         for side in (-1, 1)

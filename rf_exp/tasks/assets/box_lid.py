@@ -1,7 +1,7 @@
-"""The lid of the box: a plate on a rim, which is over the walls when it is shut.
+"""The lid of the box: a plate on a rim, which lies on the walls when closed.
 
-Its origin is the middle of the underside of the rim. Open it leans back, beyond where its weight would shut
-it.
+Its origin is the middle of the underside of the rim. Fully open it leans back, so that its weight keeps it
+open.
 """
 
 import numpy as np
@@ -10,20 +10,20 @@ from rf_exp.tasks.assets import box
 from rf_exp.tasks.assets.asset.base import Asset, Hinge, InteractionPoint, Part
 from rf_exp.transforms import from_axes, transform
 
-SHUT_Z_M = box.RIM_M + box.GAP_M  # over the origin of the box
+SHUT_Z_M = box.RIM_M + box.GAP_M  # above the origin of the box
 RIM_M, PLATE_M = 0.050, 0.006
 OPEN_DEG, FALLS_DEG = 105.0, 63.0  # its weight keeps it open above 76 deg
 FALLS_S = 1.3
 DAMPING_N_M_S = 0.2
-PUSH_M = 0.110  # from its axis to where it is pushed
-TIPPED_DEG = 50.0  # of a hand that pushes, more downwards than square to the plate
-TIP_M = 0.0145  # from the TCP of a hand that comes so to the plate, which closed finger tips just touch
+PUSH_M = 0.110  # from the hinge axis to the pushed point
+TIPPED_DEG = 50.0  # tilt of the pushing gripper, more downwards than square to the plate
+TIP_M = 0.0145  # from the TCP to the plate at that tilt when closed fingertips touch it
 
 LABEL, BRASS = (0.75, 0.70, 0.60), box.BRASS
 
 
 def build() -> Asset:
-    """The lid with the point `top`, at which it is shut."""
+    """The lid with shut point `top`."""
     x, y = box.HALF_M
     top_m = RIM_M + PLATE_M
     plate = Part.box((x, y, PLATE_M / 2), transform((0, 0, top_m - PLATE_M / 2)), box.CARD)

@@ -1,7 +1,6 @@
 """A box camera on a flat base, with a handle on either side, a lens along +x and a red shutter button.
 
-It is carried by two hands that come slanted from outside and above, which leaves the air over the
-button to a third.
+Two grippers grasp it at a slant from outside and above, which leaves the space above the button to a third.
 """
 
 import numpy as np
@@ -9,18 +8,18 @@ import numpy as np
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import Matrix, from_axes, transform
 
-BODY_HALF_M = (0.030, 0.070)  # along x, where it looks, and y
-BASE_HALF_M, BASE_M = (0.045, 0.050), 0.010  # inside the top of a plinth
+BODY_HALF_M = (0.030, 0.070)  # along x, the viewing direction, and y
+BASE_HALF_M, BASE_M = (0.045, 0.050), 0.010  # smaller than the top of a plinth
 TOP_M = 0.100  # of the body
 BRIGHT_M = 0.026  # height of the bright top of the body
-LENS_RADIUS_M, LENS_M, LENS_Z_M = 0.031, 0.030, 0.046  # the length is what sticks out
+LENS_RADIUS_M, LENS_M, LENS_Z_M = 0.031, 0.030, 0.046  # LENS_M is the length outside the body
 BUTTON_RADIUS_M, BUTTON_M = 0.011, 0.008
 HANDLE_M = (0.066, 0.145)  # along y; the inner end is inside the body
 HANDLE_Z_M, HANDLE_HALF_M, CHAMFER_M = (0.020, 0.080), 0.012, 0.015  # the palm clears the cut corners
 GRIP_Y_M, GRIP_Z_M = 0.125, 0.050
 SLANT = np.sqrt(0.5)  # sine and cosine of 45 deg
-PRESS_M = 0.005  # TCP above the button: closed finger tips, 10 mm beyond it, push 5 mm down
-SHOWN_M = 0.0008  # how far what is only seen stands out of the body
+PRESS_M = 0.005  # TCP above the button: closed fingertips, 10 mm beyond the TCP, push 5 mm down
+SHOWN_M = 0.0008  # how far visual parts stand out of the body
 
 LEATHER, SILVER, RUBBER = (0.035, 0.032, 0.035), (0.55, 0.56, 0.58), (0.02, 0.02, 0.022)
 GLASS, FLASH, RED = (0.02, 0.05, 0.14), (0.80, 0.80, 0.72), (0.75, 0.02, 0.02)
@@ -87,7 +86,7 @@ def _handle(side: int) -> Part:
 
 
 def _fittings() -> tuple[Part, ...]:
-    """What is only seen: flash and viewfinder window in front, eyepiece behind, a dial on top."""
+    """Visual parts: flash and viewfinder window in front, eyepiece at the back, a dial on top."""
     front_m, upper_m = BODY_HALF_M[0], TOP_M - BRIGHT_M / 2
 
     def window(x_m: float, y_m: float, half_m: tuple[float, float], colour) -> Part:
@@ -102,6 +101,6 @@ def _fittings() -> tuple[Part, ...]:
 
 
 def _grip(side: int) -> InteractionPoint:
-    """From outside and above, the fingers closing on the two faces of the plate."""
+    """A grasp from outside and above; the fingers close on both faces of the handle."""
     pose = from_axes((0, side * GRIP_Y_M, GRIP_Z_M), z=(0, -side * SLANT, -SLANT), y=(1, 0, 0))
     return InteractionPoint(pose, "grasp", width_m=2 * HANDLE_HALF_M)

@@ -1,4 +1,4 @@
-"""A toy building block with dark edges, so that its turn about the vertical is seen."""
+"""A toy building block with dark edges, which make its yaw visible."""
 
 import numpy as np
 
@@ -8,23 +8,23 @@ from rf_exp.transforms import transform
 
 COLOURS = {"blue": (0.02, 0.12, 0.62), "red": (0.62, 0.02, 0.02), "green": (0.02, 0.38, 0.06)}
 EDGES = {"blue": (0.005, 0.02, 0.12), "red": (0.12, 0.005, 0.005), "green": (0.005, 0.07, 0.015)}
-SMALLEST_M, LARGEST_M = 0.014, 0.028  # half sides at which fingers clear the table and the palm the top
-TIP_DEG = 30.0  # tipped so far the fingers still clear the table
-GRIP = 0.9  # of the half side, above the table
-EDGE, PROUD_M = 0.1, 0.0003  # width of a painted edge as part of the half side
+SMALLEST_M, LARGEST_M = 0.014, 0.028  # half sides: fingers clear the table, and the palm the top
+TIP_DEG = 30.0  # largest tilt at which the fingers clear the table
+GRIP = 0.9  # grasp height, as a fraction of the half side
+EDGE, PROUD_M = 0.1, 0.0003  # width of a painted edge as a fraction of the half side
 
 
 def build(colour: str = "blue", half_m: float = 0.02) -> Asset:
     """The cube with grasp point `center` and place point `top`.
 
-    Raises ArgumentError for a colour that does not exist and for a size that the hand does not fit.
+    Raises ArgumentError for a colour that does not exist and for a size that the gripper does not fit.
     """
     if colour not in COLOURS:
         raise choices("colour of a cube", colour, COLOURS)
     if not SMALLEST_M <= half_m <= LARGEST_M:
         raise ArgumentError(f"half_m={half_m} of a cube; expected {SMALLEST_M} to {LARGEST_M} m")
     middle = transform((0, 0, half_m))
-    # Paint on two opposite faces at a time, inset from the edges of the block below it.
+    # Paint on two opposite faces each, inset from the edges of the dark block.
     faces = [
         Part.box(
             np.where(np.arange(3) == axis, half_m + PROUD_M, (1 - EDGE) * half_m) - _lifted(axis),
@@ -49,5 +49,5 @@ def build(colour: str = "blue", half_m: float = 0.02) -> Asset:
 
 
 def _lifted(axis: int) -> np.ndarray:
-    """Half the paint's thickness upwards: none is put on the underside."""
+    """Half the paint's thickness upwards: the underside is not painted."""
     return np.array([0, 0, PROUD_M / 2]) if axis == 2 else np.zeros(3)

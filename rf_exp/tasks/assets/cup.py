@@ -1,6 +1,6 @@
-"""A cup on a stem: a round foot, a stem that is held from the side, a bowl of convex wall pieces.
+"""A cup on a stem: a round foot, a stem that is grasped from the side, a bowl of convex wall pieces.
 
-The stem leaves a hand that comes from any side room below the bowl, which is wide enough for a cube.
+A gripper fits below the bowl from any side; a cube fits into the bowl.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from rf_exp.transforms import from_axes, transform
 
 FOOT_RADIUS_M, FOOT_M = 0.042, 0.010
 STEM_RADIUS_M = 0.018
-BOWL_M, FLOOR_M, RIM_M = 0.082, 0.104, 0.160  # heights at which the bowl begins, is hollow, and ends
+BOWL_M, FLOOR_M, RIM_M = 0.082, 0.104, 0.160  # heights of the bowl's underside, inner floor and rim
 INNER_M, OUTER_M = 0.044, 0.049  # radii of the bowl at the corners of its wall pieces
 WALLS = 16
-GRIP_Z_M = 0.053  # the hand is 1 cm above the table and 3 mm below the bowl
-INSIDE_Z_M = 0.172  # where things are let go: fingers that open keep 2 cm above the rim
-AROUND = 12  # directions from which the stem is grasped
+GRIP_Z_M = 0.053  # the gripper is 1 cm above the table and 3 mm below the bowl
+INSIDE_Z_M = 0.172  # release height: opening fingers stay 2 cm above the rim
+AROUND = 12  # grasp directions about the stem
 
 GLAZE, BAND = (0.55, 0.50, 0.40), (0.08, 0.22, 0.30)
 BAND_M, PROUD_M = 0.012, 0.0005
@@ -30,7 +30,7 @@ def build() -> Asset:
     angles = np.linspace(0, 2 * np.pi, WALLS, endpoint=False)
     under = np.concatenate([circle(STEM_RADIUS_M, BOWL_M, angles), circle(OUTER_M, FLOOR_M, angles)])
     bowl = [under, *ring(INNER_M, OUTER_M, FLOOR_M, RIM_M, WALLS)]
-    # Only seen: a painted band round the rim, a little proud of the wall.
+    # Visual only: a painted band around the rim, slightly proud of the wall.
     band = ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, RIM_M - BAND_M, RIM_M + PROUD_M, WALLS)
     return Asset(
         "cup",

@@ -1,16 +1,16 @@
-"""A target painted on the table: rings that thicken towards the middle, so that none flickers."""
+"""A target painted on the table: rings that thicken towards the middle, to avoid z-fighting."""
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform
 
 CREAM, SLATE = (0.62, 0.60, 0.54), (0.16, 0.19, 0.24)
-RINGS = ((1.0, SLATE), (0.9, CREAM), (0.62, SLATE), (0.54, CREAM), (0.12, SLATE))  # radii of the whole
-FIRST_M, STEP_M = 0.0003, 0.00012  # thickness of the widest ring, and how much each is above the last
+RINGS = ((1.0, SLATE), (0.9, CREAM), (0.62, SLATE), (0.54, CREAM), (0.12, SLATE))  # (part of radius, colour)
+FIRST_M, STEP_M = 0.0003, 0.00012  # thickness of the widest ring, and increase per ring
 
 
 def build(radius_m: float = 0.1) -> Asset:
-    """The target with place point `middle`; a ghost: nothing can touch it."""
+    """The target with place point `middle`; a ghost, without collision."""
     if radius_m <= 0:
         raise ArgumentError(f"radius_m={radius_m} of a goal; expected more than 0 m")
     rings = []

@@ -1,6 +1,6 @@
-"""A mallet that lies with the axis of its head upright: the face that strikes looks down.
+"""A mallet that lies with the axis of its head vertical: the striking face points down.
 
-The origin is 2 cm in front of that axis, so a scene can lay the mallet against a line.
+The origin is 2 cm in front of that axis, so that a scene can align the mallet with a line.
 """
 
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
@@ -8,10 +8,10 @@ from rf_exp.transforms import transform
 
 HEAD_X_M = -0.02
 RADIUS_M, HEIGHT_M = 0.018, 0.060  # of the head
-COLLAR_RADIUS_M, COLLAR_M = 0.0165, 0.036  # the painted middle of the head is a little thinner
+COLLAR_RADIUS_M, COLLAR_M = 0.0165, 0.036  # painted middle of the head, slightly thinner
 HANDLE_END_M, HANDLE_HALF_M, HANDLE_Z_M = -0.20, (0.011, 0.010), 0.030  # half extents in y and z
-POMMEL_HALF_M = 0.013  # in x and y; the mallet lies on it, level
-WRAP_M, PROUD_M = (-0.135, -0.195), 0.0005  # a coloured grip round the handle, only seen
+POMMEL_HALF_M = 0.013  # in x and y; the mallet rests on it, level
+WRAP_M, PROUD_M = (-0.135, -0.195), 0.0005  # wrap around the handle, visual only
 GRIP_X_M = -0.095  # near the centre of mass, so that it hangs level
 
 WOOD, STEEL, YELLOW, BLACK = (0.52, 0.27, 0.09), (0.20, 0.21, 0.23), (0.75, 0.42, 0.02), (0.03, 0.03, 0.03)

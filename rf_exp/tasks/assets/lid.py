@@ -1,4 +1,4 @@
-"""The lid of the pot, a body of its own: a disc, a plug that centres it in the rim, and a knob.
+"""The lid of the pot, a separate body: a disc, a plug that centres it in the rim, and a knob.
 
 Its origin is the underside of the plug, so it lies on the table at z = 0 and on the pot at
 z = SEAT_Z_M above the pot's origin.
@@ -16,7 +16,7 @@ PLUG_TOP_M, PLUG_BOTTOM_M = 0.079, 0.074  # radii; the taper guides the lid back
 SEAT_Z_M = pot.HEIGHT_M - PLUG_M
 DISC_M = 0.007
 KNOB_M, KNOB_HEIGHT_M = 0.030, 0.036  # width between the fingers; height above the disc
-GRIP_Z_M = PLUG_M + DISC_M + 0.022  # finger tips end 12 mm above the disc, the palm clears the knob
+GRIP_Z_M = PLUG_M + DISC_M + 0.022  # fingertips end 12 mm above the disc, the palm clears the knob
 
 STEEL, BLACK = (0.42, 0.45, 0.50), (0.03, 0.03, 0.035)
 
@@ -24,7 +24,7 @@ STEEL, BLACK = (0.42, 0.45, 0.50), (0.03, 0.03, 0.035)
 def build() -> Asset:
     """The lid with grasp point `knob`."""
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    # Within the disc: where edges of plug and rim are at one height, PhysX makes up contacts 10 cm deep.
+    # The plug ends inside the disc: with plug and rim edges at one height, PhysX reports contacts 10 cm deep.
     plug_top_m = PLUG_M + DISC_M / 2
     plug = np.concatenate([circle(PLUG_BOTTOM_M, 0.0, angles), circle(PLUG_TOP_M, plug_top_m, angles)])
     top = PLUG_M + DISC_M

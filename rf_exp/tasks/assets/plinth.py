@@ -1,11 +1,11 @@
-"""A block of stone on which something stands, fixed to the table."""
+"""A stone block that carries another object, fixed to the table."""
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform
 
 STONE, PALE = (0.30, 0.30, 0.29), (0.50, 0.50, 0.47)
-BAND, PROUD_M = 0.16, 0.001  # height of the pale bands as part of the height; they are only seen
+BAND, PROUD_M = 0.16, 0.001  # height of the pale bands as a fraction; visual only
 
 
 def build(half_m: float = 0.06) -> Asset:
@@ -16,7 +16,7 @@ def build(half_m: float = 0.06) -> Asset:
     thick_m = BAND * height_m / 2
     bands = [
         Part.box((half_m + PROUD_M, half_m + PROUD_M, thick_m), transform((0, 0, z)), PALE, solid=False)
-        for z in (thick_m, height_m - PROUD_M - thick_m)  # the top stays level
+        for z in (thick_m, height_m - PROUD_M - thick_m)  # the top stays flat
     ]
     return Asset(
         "plinth",

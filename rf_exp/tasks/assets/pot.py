@@ -10,19 +10,19 @@ from rf_exp.transforms import transform
 INNER_M, OUTER_M = 0.085, 0.100  # radii at the corners of the wall pieces
 HEIGHT_M, FLOOR_M = 0.096, 0.010
 WALLS = 16
-PLUG_M = 0.008  # how deep its lid reaches in
-INSIDE_Z_M = 0.052  # where food is let go: the hand stays above the rim, the food falls 4 cm
+PLUG_M = 0.008  # depth of the lid's plug inside the pot
+INSIDE_Z_M = 0.052  # release height: the gripper stays above the rim, the food falls 4 cm
 
 ENAMEL, RIM, IRON = (0.10, 0.24, 0.42), (0.55, 0.58, 0.62), (0.05, 0.05, 0.06)
 RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
-# Of two things side by side: from the middle, and let go so high that the hand is over the rim.
+# Two objects side by side: offset from the middle, and release height with the gripper above the rim.
 SPOT_M, OVER_M = 0.042, 0.088
 
 
 def build(spots: int = 1, closes: bool = False) -> Asset:
-    """The pot with drop point `inside`, or `inside1` and `inside2` for two things side by side.
+    """The pot with drop point `inside`, or `inside1` and `inside2` for two objects side by side.
 
-    One that `closes` has a place point `rim` for its lid. Raises ArgumentError for more than two spots.
+    With `closes`, a place point `rim` for its lid. Raises ArgumentError for more than two spots.
     """
     if spots not in (1, 2):
         raise ArgumentError(f"spots is {spots!r}; a pot holds one thing, or two side by side")
@@ -34,7 +34,7 @@ def build(spots: int = 1, closes: bool = False) -> Asset:
         Part.box((0.017, 0.028, 0.006), transform((side * (OUTER_M + 0.014), 0, 0.07)), IRON)
         for side in (-1, 1)
     ]
-    # Only seen: a bright rim, a little proud of the wall it stands in.
+    # Visual only: a bright rim, slightly proud of the wall.
     band = ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M, WALLS)
     rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
     inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, turns=8, slack_m=0.03)

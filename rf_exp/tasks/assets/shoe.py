@@ -1,6 +1,6 @@
-"""A low sneaker, toe towards +x: gripped across its waist, below the high tongue.
+"""A low sneaker, toe towards +x: grasped across its waist, below the high tongue.
 
-Heel and toe are lower than the grip, so a hand tipped forwards or backwards does not meet them.
+Heel and toe are lower than the grasp, so that a gripper tilted forwards or backwards clears them.
 """
 
 from dataclasses import replace
@@ -15,22 +15,22 @@ from rf_exp.transforms import from_axes
 
 LENGTH_M, WIDTH_M, SOLE_M = 0.20, 0.074, 0.020
 WAIST_M, WAIST_HALF_M = (-0.020, 0.040), 0.027  # along x; half width between the fingers
-TOPS_M = (0.080, 0.062)  # of the waist at both its ends
-HEEL_M = 0.056  # height of the collar round the heel
+TOPS_M = (0.080, 0.062)  # heights of the waist at both ends
+HEEL_M = 0.056  # height of the wall around the heel
 GRIP_X_M, GRIP_Z_M, TIP_DEG = 0.002, 0.066, 45.0
 INSOLE_M = 0.014  # above the sole
 HEEL_CENTRE_M, HEEL_OUTER_M, WALL_M = -0.050, (0.044, 0.032), 0.007  # an ellipse: half axes along x, y
 HEEL_WALLS = 6
 PROUD_M = 0.0006
-BENT_M = 0.012  # how far the toe of one of a pair points inwards, from the waist on
+BENT_M = 0.012  # inward bend of the toe, from the waist on, for one shoe of a pair
 
 RED, DARK, WHITE, LACE = (0.60, 0.05, 0.03), (0.05, 0.03, 0.03), (0.82, 0.80, 0.76), (0.90, 0.88, 0.80)
 BLUE = (0.02, 0.10, 0.45)
-FEET = {"left": (-1, RED), "right": (1, BLUE)}  # where inwards is, along y
+FEET = {"left": (-1, RED), "right": (1, BLUE)}  # foot -> (inward direction along y, colour)
 
 
 def build(foot: str | None = None) -> Asset:
-    """The shoe with grasp point `center`: for either foot, or one of a pair, which differ in colour.
+    """The shoe with grasp point `center`: symmetric, or one of a pair, which differ in colour.
 
     Raises ArgumentError for a foot that does not exist.
     """
@@ -59,14 +59,14 @@ def _for_foot(part: Part, inwards: int, colour: Colour) -> Part:
 
 
 def _half_width_m(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K,) half width of the sole along its length: round at both ends, widest at the ball."""
+    """Half width (K,) of the sole along its length: round at both ends, widest at the ball."""
     s = np.clip(x / (LENGTH_M / 2), -1, 1)
     round_ends = (1 - np.abs(s) ** 3.2) ** (1 / 2.2)
     return WIDTH_M / 2 * round_ends * (0.93 + 0.07 * s)
 
 
 def _outline(low_x_m: float, high_x_m: float, z_m: float, inset_m: float = 0.0) -> NDArray[np.float64]:
-    """(K, 3) points round a stretch of the sole's outline at a height, moved inwards."""
+    """Points (K, 3) of a section of the sole's outline at a height, inset by `inset_m`."""
     share = (1 - np.cos(np.linspace(0, np.pi, 16))) / 2  # closer together at the round ends
     x = low_x_m + (high_x_m - low_x_m) * share
     shrunk = x * (1 - 2 * inset_m / LENGTH_M)
@@ -86,14 +86,14 @@ def _ellipse(angle: float, inset_m: float) -> tuple[float, float]:
 
 
 def _insole() -> Part:
-    """The dark inside of the shoe, seen through its opening."""
+    """The dark inside of the shoe, visible through its opening."""
     rim = [_ellipse(angle, WALL_M) for angle in np.linspace(np.pi / 2, 3 * np.pi / 2, 13)]
     floor = [(x, y) for x, y in rim] + [(WAIST_M[0], side * (HEEL_OUTER_M[1] - WALL_M)) for side in (-1, 1)]
     return Part.hull(np.array([(x, y, z) for x, y in floor for z in (SOLE_M, SOLE_M + INSOLE_M)]), DARK)
 
 
 def _heel() -> list[Part]:
-    """The wall round the heel in convex pieces: a half ellipse, and straight from there to the waist."""
+    """The wall around the heel in convex pieces: a half ellipse, then straight to the waist."""
     angles = np.linspace(np.pi / 2, 3 * np.pi / 2, HEEL_WALLS + 1)
     pieces = [[_ellipse(*corner) for corner in product(edge, (0.0, WALL_M))] for edge in pairwise(angles)]
     ends, across = (HEEL_CENTRE_M, WAIST_M[0] + 0.004), (HEEL_OUTER_M[1] - WALL_M, HEEL_OUTER_M[1])
@@ -117,7 +117,7 @@ def _tongue() -> Part:
 
 
 def _vamp() -> Part:
-    """From the waist down to the toe."""
+    """The upper, from the waist down to the toe."""
     start, end = WAIST_M[1] - 0.006, 0.094
     top = (start, 0.024, TOPS_M[1]), (0.080, 0.016, 0.042)
     ridge = [(x, side * half, z) for x, half, z in top for side in (-1, 1)]
@@ -132,7 +132,7 @@ def _cap() -> Part:
 
 
 def _laces() -> list[Part]:
-    """Bars across the slope of waist, only seen."""
+    """Bars across the slope of the waist, visual only."""
     slope = (TOPS_M[1] - TOPS_M[0]) / (WAIST_M[1] - WAIST_M[0])
     bars = []
     for x in (-0.002, 0.009, 0.020, 0.031):
@@ -143,7 +143,7 @@ def _laces() -> list[Part]:
 
 
 def _stripes() -> list[Part]:
-    """Two slanted white stripes on either side of the waist, only seen."""
+    """Two slanted white stripes on either side of the waist, visual only."""
     half, ends, stripes = WAIST_HALF_M + PROUD_M, ((SOLE_M + 0.002, 0.012), (0.058, 0.0)), []
     for x in (-0.014, 0.004):
         corners = product(ends, (0.0, 0.007), (-half, half))

@@ -7,7 +7,7 @@ from rf_exp.transforms import planar
 
 HALF_M = (0.045, 0.025)  # along x and y
 HEIGHT_M = 0.025
-GRIP_Z_M = 0.016  # finger tips end 6 mm above the table
+GRIP_Z_M = 0.016  # fingertips end 6 mm above the table
 BEVEL_M = 0.004
 
 MEAT, FAT, BONE = (0.45, 0.03, 0.03), (0.80, 0.55, 0.42), (0.86, 0.80, 0.66)
@@ -33,7 +33,7 @@ def build() -> Asset:
 
 
 def _outline(inset_m: float, z_m: float) -> np.ndarray:
-    """(24, 3) points of the rounded outline: a superellipse, whose long sides are nearly flat."""
+    """Points (24, 3) of the rounded outline: a superellipse with nearly flat long sides."""
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     cos, sin = np.cos(angles), np.sin(angles)
     x = (HALF_M[0] - inset_m) * np.sign(cos) * np.abs(cos) ** 0.5

@@ -1,1 +1,1 @@
-"""Families of tasks: a module each, for any number of arms and things."""
+"""Families of tasks, one module each, for any number of arms and objects."""

@@ -1,4 +1,4 @@
-"""Chain: things go through the hands of arms that stand by turns on both sides of a strip, to their goals."""
+"""Chain: arms on alternating sides of a strip pass objects on to their goals."""
 
 from itertools import pairwise
 from typing import Any
@@ -26,7 +26,7 @@ def layout(
     goal_m: Numbers,
     step_limit: Numbers,
 ) -> dict[str, Any]:
-    """Bases by turns on both sides of the strip x = 0, things at the first arm, goals at the last."""
+    """Bases on alternating sides of the strip x = 0, objects at the first arm, goals at the last."""
     side = [(-1) ** arm for arm in range(1, arms + 1)]
     along = [(arm - (arms + 1) / 2) * along_m for arm in range(1, arms + 1)]
     rest = {"rest_rad": circle.REST_RAD}
@@ -42,7 +42,7 @@ def layout(
     for k in range(things):
         x_m, y_m = side[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"]
         objects[f"cube{k + 1}"] = circle.cube_at(x_m, y_m, start_m["jitter"], k)
-    # The longer the row, the farther off and the wider.
+    # A longer row needs a more distant and wider view.
     eye_m, fov_deg = [0.4, 0.0, 1.3 + 0.12 * arms], 38.0 + 2.0 * arms
     seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": fov_deg}}
     for agent, (each, y_m) in enumerate(zip(side, along, strict=True), start=1):
@@ -53,7 +53,7 @@ def layout(
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """On the strip, half-way between neighbours: `stop1` is where agent 1 lays things for agent 2."""
+    """Transfer places on the strip, half-way between neighbours: from agent 1 to agent 2 at `stop1`."""
     return {
         f"stop{giver}": planar(0.0, (task.robots[giver - 1].y_m + task.robots[giver].y_m) / 2, 0.0)
         for giver in task.agents[:-1]
@@ -61,7 +61,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """From where each thing is now; the next one is laid at a stop once the last one has left it."""
+    """Pass on each object from its present place; a stop takes the next one once the last one has left it."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     under_way = left_to_bring(scene, task)
@@ -79,5 +79,5 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Each thing is on its goal, upright, let go and at rest."""
+    """Each object is on its goal, upright, released and at rest."""
     return brought(scene, task, "things on their goals")

@@ -1,4 +1,4 @@
-"""Lift: the arms of a circle grasp one frame all round and lift it level."""
+"""Lift: arms in a circle grasp one frame from all sides and lift it level."""
 
 from typing import Any
 
@@ -11,15 +11,15 @@ from rf_exp.types import Condition, Scene, Subgoal
 VERSION = "1"
 PLAN_VERSION = "1"
 
-LIFT_M = 0.17  # of all grippers: the required rise and a little to spare
-NEARER_M = 0.2  # to an arm that is alone: it grasps the frame in its middle
-TOGETHER_S = 2.0  # between the first gripper that closes and the last
+LIFT_M = 0.17  # lift of all grippers: slightly more than the required rise
+NEARER_M = 0.2  # shift of the frame towards a single arm, which grasps it in its middle
+TOGETHER_S = 2.0  # at most, between the first gripper that closes and the last
 
 
 def layout(
     arms: int, things: int, *, radius_m: float, jitter_m: float, jitter_deg: float, step_limit: int
 ) -> dict[str, Any]:
-    """A frame with a grip for each arm, in the middle of all."""
+    """A frame with one grasp point per arm, at the centre of the circle."""
     y_m = 0.0 if arms > 1 else -NEARER_M
     ranges = {
         "x_m": [-jitter_m, jitter_m],
@@ -31,7 +31,7 @@ def layout(
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Grasp all round; once all hold the frame, lift it at the same time."""
+    """All arms grasp the frame; once all hold it, they lift it at the same time."""
     held, agents = holders(scene, "frame"), task.agents
     if held == agents:
         lifts = tuple(Subgoal(agent, "lift", "frame", height_m=LIFT_M) for agent in agents)
@@ -43,11 +43,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """All arms hold the frame, it is up, level and at rest."""
+    """All arms hold the frame, which is lifted, level and at rest."""
     held = holders(scene, "frame") == task.agents
     return {"held by all arms": held, **raised(scene, start, "frame", task.success)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """That of Lift Barrier: the middle is higher than its start by the threshold."""
+    """As for Lift Barrier: the centre has risen by more than the threshold."""
     return risen_m(scene, start, "frame") > task.success["lift_m"]

@@ -1,4 +1,4 @@
-"""Pool: a circle of arms and things that belong to nobody; who takes which is chosen in every scene."""
+"""Pool: arms in a circle and unassigned objects; the agent of each object is chosen in every scene."""
 
 from typing import Any
 
@@ -19,9 +19,9 @@ PLAN_VERSION = "1"
 def layout(
     arms: int, things: int, *, radius_m: float, start: Numbers, goal: Numbers, step_limit: Numbers
 ) -> dict[str, Any]:
-    """Things in a circle, and their goals in one within it, each some way farther round."""
+    """Objects on a circle, and their goals on a second circle, each turned by a fixed angle."""
     objects: dict[str, Any] = {}
-    between = circle.angle_rad(1, arms) + np.pi / arms  # the first thing stands between two arms
+    between = circle.angle_rad(1, arms) + np.pi / arms  # the first object is between two arms
     angles = between + 2 * np.pi * np.arange(things) / things
     for k, angle in enumerate(angles + np.deg2rad(goal["turn_deg"]), start=1):
         x_m, y_m = (float(goal["radius_m"] * along(angle)) for along in (np.cos, np.sin))
@@ -34,7 +34,7 @@ def layout(
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Somebody brings each thing to its goal; who holds one already goes on with it."""
+    """Any agent brings each object to its goal; one that already holds an object keeps it."""
     subgoals: list[Subgoal] = []
     for cube, goal in left_to_bring(scene, task).items():
         agent, *_ = (*holders(scene, cube), ANYBODY)
@@ -43,5 +43,5 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Each thing is on its goal, upright, let go and at rest."""
+    """Each object is on its goal, upright, released and at rest."""
     return brought(scene, task, "things on their goals")

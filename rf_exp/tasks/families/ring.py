@@ -1,4 +1,4 @@
-"""Ring: each arm of a circle brings its own things to spots in the middle, beside its neighbours'."""
+"""Ring: arms in a circle bring their own objects to spots near the centre, side by side."""
 
 from itertools import product
 from typing import Any
@@ -17,7 +17,7 @@ PLAN_VERSION = "1"
 def layout(
     arms: int, things: int, *, radius_m: float, start: Numbers, spot_m: Numbers, step_limit: Numbers
 ) -> dict[str, Any]:
-    """Things side by side before each arm, and their spots in a row from the middle outwards."""
+    """Objects side by side before each arm, and their spots in a row from the centre outwards."""
     objects: dict[str, Any] = {}
     for arm, k in product(range(1, arms + 1), range(things)):
         forward_m = radius_m - spot_m["middle"] - k * spot_m["apart"]
@@ -30,7 +30,7 @@ def layout(
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Every arm brings its things to their spots, one after the other, that in the middle first."""
+    """Each arm brings its objects to their spots one after the other, innermost first."""
     subgoals: list[Subgoal] = []
     for cube, goal in left_to_bring(scene, task).items():
         subgoals += fetch(circle.owner(cube), cube, goal, "middle")
@@ -38,5 +38,5 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Each thing is on its spot, upright, let go and at rest."""
+    """Each object is on its spot, upright, released and at rest."""
     return brought(scene, task, "things on their spots")

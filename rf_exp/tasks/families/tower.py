@@ -1,4 +1,4 @@
-"""Tower: the arms of a circle stack their cubes in its middle, one after the other, and again."""
+"""Tower: arms in a circle take turns to stack their cubes at its centre."""
 
 from itertools import product
 from typing import Any
@@ -24,7 +24,7 @@ def layout(
     most_cubes: int,
     step_limit: Numbers,
 ) -> dict[str, Any]:
-    """Cubes side by side before each arm, a goal in the middle. Raises ArgumentError for a tower too high."""
+    """Cubes side by side before each arm, a goal at the centre. Raises ArgumentError for a tower too high."""
     if arms * things > most_cubes:
         raise ArgumentError(
             f"a tower of {arms} x {things} cubes is higher than the arms can build; expected at most "
@@ -38,10 +38,10 @@ def layout(
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """Everybody fetches a cube; each is placed once the one below it lies there."""
+    """All arms fetch their cubes; each is placed once the one below it is in place."""
     return stacking.plan(scene, task, {name: circle.owner(name) for name in task.objects if name != "goal"})
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Each cube is in its place, level, let go and at rest."""
+    """Each cube is in its place, level, released and at rest."""
     return stacking.conditions(scene, task, [name for name in task.objects if name != "goal"])

@@ -1,1 +1,1 @@
-"""What is of the authors' release: its cameras and what they are called, assets in the place of ours."""
+"""The authors' release (RoboFactory) in our tasks: its cameras, their names, and its assets."""

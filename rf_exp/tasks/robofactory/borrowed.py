@@ -1,7 +1,7 @@
-"""Assets and cameras of the authors' release in a task of ours: `assets=release`, `cameras_of=release`.
+"""Assets and cameras of the authors' release in our tasks: `assets=release`, `cameras_of=release`.
 
-What such a task has of the release is part of its name, `lift_barrier+release_assets+release_cameras`, and so
-of folders, rows and tables; a task with nothing of it is itself. All else is that of the task.
+The borrowed parts are part of the task's name, `lift_barrier+release_assets+release_cameras`, and so of
+folders, rows and tables; without any the name is unchanged. Everything else is the task's.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,15 +20,15 @@ from rf_exp.tasks.task.specs import CameraSpec
 from rf_exp.transforms import inverse, transform
 
 RELEASE = "release"
-MARK = "+"  # between a task and what it has of the release
+MARK = "+"  # in names, between a task and its borrowed parts
 ASSETS, CAMERAS = "release_assets", "release_cameras"
-FACING = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # axes of a camera: SAPIEN's from OpenCV's
+FACING = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # rotation of camera axes: sapien_from_opencv
 MODULE = "rf_exp.tasks.assets.asset.annotated"
 
 
 @dataclass(frozen=True)
 class Borrowed:
-    """What tasks have of the release. Raises ArgumentError for keys that do not go together."""
+    """Parts that tasks borrow from the release. Raises ArgumentError for inconsistent keys."""
 
     assets: str | None = None  # release
     assets_folder: str | None = None
@@ -51,9 +51,9 @@ class Borrowed:
 
 
 def with_release(name: str, node: Mapping[str, Any], borrowed: Borrowed) -> tuple[str, Mapping[str, Any]]:
-    """A task with what it has of the release: its name and its configuration.
+    """Name and configuration of a task with its borrowed parts.
 
-    Raises ArgumentError for a task of which the release has no cameras.
+    Raises ArgumentError for a task whose cameras are not in the release.
     """
     marks, changed = [], dict(node)
     if borrowed.assets_folder is not None:
@@ -76,19 +76,19 @@ def with_release(name: str, node: Mapping[str, Any], borrowed: Borrowed) -> tupl
 
 
 def unmarked(name: str) -> tuple[str, list[str]]:
-    """The name of a task without what it has of the release, and that."""
+    """(name without marks, marks) of the name of a task."""
     task, *marks = name.split(MARK)
     return task, marks
 
 
 def borrowed_words(marks: Sequence[str]) -> str:
-    """`assets and cameras of the release`, of what `unmarked` gives."""
+    """Text such as `assets and cameras of the release`, for marks of `unmarked`."""
     return f"{' and '.join(mark.removeprefix('release_') for mark in marks)} of the release"
 
 
 @cache
 def known_cameras() -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
-    """Task -> camera -> its specification as a task says it."""
+    """Task -> camera -> its specification, as in a task's configuration."""
     node: Any = yaml.safe_load(Path(__file__).with_name("cameras.yaml").read_text("utf-8"))
     return {task: {name: _spec(**camera) for name, camera in those.items()} for task, those in node.items()}
 
@@ -99,7 +99,7 @@ def _spec(
     facing_wxyz: list[float] | None = None,
     fov_deg: float = 90.0,
 ) -> dict[str, Any]:
-    """A camera that looks at a point, or as a quaternion says."""
+    """Specification of a camera that looks at a point, or has the orientation of a quaternion."""
     turn_deg = [0.0, 0.0, 0.0]
     if facing_wxyz is not None:
         faces = Rotation.from_quat(facing_wxyz, scalar_first=True).as_matrix() @ FACING
@@ -113,7 +113,7 @@ def _spec(
 
 
 def _objects(objects: Mapping[str, Any], folder: str) -> dict[str, Any]:
-    """Things of the release in the place of those of ours that it has."""
+    """The objects of a task, with release assets where the release has them."""
     found = {}
     for key, spec in objects.items():
         found[key], like = spec, spec.get("asset")

@@ -1,6 +1,6 @@
-"""What the authors' release calls its cameras.
+"""Camera names of the authors' release.
 
-They count from 0, where agents here count from 1; where there is one arm its camera has no number.
+The release numbers agents from 0, this package from 1; with a single arm its camera has no number.
 """
 
 import re
@@ -11,9 +11,9 @@ _GLOBAL = "head_camera_global"
 
 
 def camera_of(name: str, agents: int) -> str:
-    """What a camera of the release is called here; a name of another kind stays."""
+    """Our name of a camera of the release; other names are unchanged."""
     if name in ("head_camera", "head_cam"):
-        return "agent1" if agents == 1 else "global"  # one that serves all
+        return "agent1" if agents == 1 else "global"  # one camera for all agents
     if name in (_GLOBAL, "head_cam_global"):
         return "global"
     found = _THEIRS.fullmatch(name)
@@ -21,7 +21,7 @@ def camera_of(name: str, agents: int) -> str:
 
 
 def camera_name(camera: str, agents: int) -> str:
-    """What the release calls a camera of ours."""
+    """The release's name of one of our cameras; other names are unchanged."""
     if camera == "global":
         return _GLOBAL
     if camera == "agent1" and agents == 1:

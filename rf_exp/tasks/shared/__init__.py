@@ -1,1 +1,1 @@
-"""What several tasks share: a module for each thing that they do alike."""
+"""Code shared by several tasks, one module per topic."""

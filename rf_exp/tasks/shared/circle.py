@@ -1,6 +1,6 @@
-"""Arms in a circle that look at its middle: shared by families. Lengths in m, angles in rad or degrees.
+"""Layouts with arms in a circle that face its centre, shared by families. Lengths in m, angles in rad or deg.
 
-What stands before an arm is told in the frame of its base: x towards the middle, y to its left, z up.
+Positions before an arm are given in its base frame: x towards the centre, y to its left, z up.
 """
 
 from collections.abc import Mapping
@@ -10,23 +10,23 @@ import numpy as np
 
 from rf_exp.transforms import planar
 
-# Folded, so that no two of eight hands are in one another's way: the tool centre point 0.33 m before the base
-# and 0.42 m above the table, looking down.
+# Rest posture, folded so that eight grippers keep clear of each other: the TCP is 0.33 m before the base and
+# 0.42 m above the table, pointing down.
 REST_RAD = (0.0, -0.75, 0.0, -2.5, 0.0, 1.75, 0.785)
-GLOBAL = {"out_m": 0.8, "up_m": 1.75, "fov_deg": 52.0}  # of the camera that sees all, between two arms
-EYE_M, TARGET_M, FOV_DEG = (1.02, 0.16, 0.82), (0.5, 0.0, 0.1), 52.0  # of each arm's, in its base's frame
+GLOBAL = {"out_m": 0.8, "up_m": 1.75, "fov_deg": 52.0}  # global camera, in a direction between two arms
+EYE_M, TARGET_M, FOV_DEG = (1.02, 0.16, 0.82), (0.5, 0.0, 0.1), 52.0  # agent cameras, in the base frame
 
 COLOURS = ("blue", "red", "green")
-Numbers = Mapping[str, float]  # of a layout, by their names
+Numbers = Mapping[str, float]  # parameters of a layout, by name
 
 
 def angle_rad(arm: int, arms: int) -> float:
-    """Of the base of an arm, from 1 on, seen from the middle; the first stands at the lower edge."""
+    """Angle of the base of an arm (1-based) about the centre; the first one is at -90 degrees."""
     return 2 * np.pi * (arm - 1) / arms - np.pi / 2
 
 
 def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float = 0.0) -> dict[str, Any]:
-    """The x and y in the world of what lies before an arm, and the yaw of the arm's base."""
+    """World x and y of a position before an arm, and the yaw of the arm's base."""
     angle = angle_rad(arm, arms)
     base = planar(radius_m * np.cos(angle), radius_m * np.sin(angle), angle + np.pi)
     x_m, y_m = (base @ (forward_m, left_m, 0.0, 1.0))[:2].tolist()
@@ -35,12 +35,12 @@ def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float
 
 
 def robots(arms: int, radius_m: float) -> list[dict[str, Any]]:
-    """Bases in a circle, evenly."""
+    """Robots evenly spaced on a circle."""
     return [{**before(arm, arms, radius_m, 0.0), "rest_rad": REST_RAD} for arm in range(1, arms + 1)]
 
 
 def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
-    """One that sees all, and one for each arm, which looks at it across the middle."""
+    """The global camera, and one per agent that looks at its arm from across the centre."""
     angle = -np.pi / 2 + np.pi / max(arms, 2)
     out_m, up_m = GLOBAL["out_m"], GLOBAL["up_m"]
     eye_m = (out_m * np.cos(angle), out_m * np.sin(angle), up_m)
@@ -53,7 +53,7 @@ def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
 
 
 def around(arms: int, radius_m: float) -> dict[str, Any]:
-    """The robots and cameras of a task."""
+    """Robots and cameras of a task."""
     return {"robots": robots(arms, radius_m), "cameras": cameras(arms, radius_m)}
 
 
@@ -67,26 +67,26 @@ def cube(
     apart_m: float,
     jitter_m: float,
 ) -> dict[str, Any]:
-    """The k-th of the cubes that lie side by side before an arm; each starts up to `jitter_m` off."""
+    """The k-th cube (0-based) of a row before an arm, at most `jitter_m` / `things`^2 off its place."""
     placed = before(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
-    # Beside one another they leave fingers little room.
+    # Less jitter in a longer row: the gaps between cubes leave little space for fingers.
     return cube_at(placed["x_m"], placed["y_m"], jitter_m / things**2, arm + k - 1)
 
 
 def cube_at(x_m: float, y_m: float, off_m: float, colour: int) -> dict[str, Any]:
-    """A cube that starts up to `off_m` beside a place, however it is turned."""
+    """A cube that starts at most `off_m` off a place along x and y, at any yaw."""
     ranges = {"x_m": [x_m - off_m, x_m + off_m], "y_m": [y_m - off_m, y_m + off_m]}
     options = {"colour": COLOURS[colour % len(COLOURS)]}
     return {"asset": "cube", "options": options, **ranges, "yaw_deg": [-180.0, 180.0]}
 
 
 def goal_at(x_m: float, y_m: float, radius_m: float) -> dict[str, Any]:
-    """A mark on the table."""
+    """A goal on the table."""
     return {"asset": "goal", "options": {"radius_m": radius_m}, "x_m": x_m, "y_m": y_m}
 
 
 def owner(name: str) -> int:
-    """Whose a thing is: of cube2_1 this is 2."""
+    """The agent whose object this is, from its name: 2 for cube2_1."""
     return int(name.lstrip("abcdefghijklmnopqrstuvwxyz").split("_")[0])
 
 

@@ -1,7 +1,7 @@
-"""A camera in two hands and what it looks at: shared by Camera Alignment and Take Photo.
+"""A camera held by two arms and the steak in front of it: shared by Camera Alignment and Take Photo.
 
-The task's objects are `camera`, on a plinth, and `steak`; agents 1 and 2 stand at the sides of the
-camera, agent 3 in front of it.
+The task's objects are `camera`, on a plinth, and `steak`; agents 1 and 2 are at the sides of the camera,
+agent 3 is in front of it.
 """
 
 import numpy as np
@@ -12,22 +12,22 @@ from rf_exp.tasks.predicates import above, at_rest, below, height_m, holders, up
 from rf_exp.transforms import Matrix, angle_between_rad, transform
 from rf_exp.types import Condition, Scene, Subgoal
 
-LEFT, RIGHT = 1, 2  # the agents at the sides of the camera
+LEFT, RIGHT = 1, 2  # agents at the sides of the camera
 GRIPS = {LEFT: "left", RIGHT: "right"}
-MODEL = 3  # the agent that holds the steak
-RAISED_M = 0.22  # height of the camera's underside, a little more than asked for
+MODEL = 3  # agent that holds the steak
+RAISED_M = 0.22  # height of the camera's underside, slightly more than required
 FRONT_M = 0.30  # from the lens to the steak
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """`front`: where the steak is in the middle of the picture once the camera is up."""
+    """`front`: world_from_object (4, 4) of the steak in the middle of the raised camera's view."""
     lens = _lens(scene, task)
     seen = lens[:3, 3] + FRONT_M * lens[:3, 2]
     return {"front": transform((*seen[:2], seen[2] + _to_lift_m(scene, task) - _middle_m(task)))}
 
 
 def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
-    """What is left to do to have the camera up in both hands."""
+    """Remaining subgoals until both arms hold the camera up."""
     free = [agent for agent in GRIPS if scene.held[agent - 1] != "camera"]
     grasps = [Subgoal(agent, "grasp", "camera", GRIPS[agent]) for agent in free]
     up_m = round(_to_lift_m(scene, task), 3)
@@ -35,7 +35,7 @@ def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
 
 
 def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
-    """What is left to do to have the steak held where the camera looks."""
+    """Remaining subgoals until the steak is held on the axis of the lens."""
     carry = Subgoal(MODEL, "carry", "steak", target="front")
     if holders(scene, "steak") != (MODEL,):
         return [Subgoal(MODEL, "grasp", "steak", "center"), carry]
@@ -43,7 +43,7 @@ def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
 
 
 def constraints(subgoals: list[Subgoal]) -> list[Statement]:
-    """Grasp as annotated; lift the camera level, with both arms at the same time."""
+    """Constraints: grasp as annotated; both arms lift the camera level and at the same time."""
     stated = grasping(subgoals)
     if any((subgoal.verb, subgoal.object) == ("lift", "camera") for subgoal in subgoals):
         stated += [SameHeight((LEFT, RIGHT)), Together((LEFT, RIGHT), "lift", "camera")]
@@ -51,7 +51,7 @@ def constraints(subgoals: list[Subgoal]) -> list[Statement]:
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The camera is held by both sides, up and level; the steak is held, up and in its picture."""
+    """Camera held by both arms, raised and level; steak held, raised and in its view; both at rest."""
     limits = task.success
     return {
         "camera held by both arms": holders(scene, "camera") == tuple(GRIPS),
@@ -65,20 +65,20 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: both are high enough; it does not look at the alignment."""
+    """The release's criterion: both are high enough; alignment is not checked."""
     high = height_m(scene, "camera") > task.success["camera_up_m"]
     return high and height_m(scene, "steak") > task.success["steak_up_m"]
 
 
 def aim_deg(scene: Scene, task: Task) -> float:
-    """Angle between the axis of the lens and the line from the lens to the steak's middle."""
+    """Angle between the lens axis and the line from the lens to the steak's middle."""
     lens, steak = _lens(scene, task), scene.poses["steak"]
     middle = steak[:3, 3] + _middle_m(task) * steak[:3, 2]
     return float(np.degrees(angle_between_rad(middle - lens[:3, 3], lens[:3, 2])))
 
 
 def _to_lift_m(scene: Scene, task: Task) -> float:
-    """How far the camera still has to go up; 0 once it is high enough in both hands."""
+    """Remaining lift of the camera; 0 once it is high enough and both arms hold it."""
     up_m = height_m(scene, "camera")
     if up_m > task.success["camera_up_m"] and holders(scene, "camera") == tuple(GRIPS):
         return 0.0
@@ -86,7 +86,7 @@ def _to_lift_m(scene: Scene, task: Task) -> float:
 
 
 def _lens(scene: Scene, task: Task) -> Matrix:
-    """world_from_lens, z where the camera looks."""
+    """world_from_lens (4, 4), z along the viewing direction."""
     return scene.poses["camera"] @ task.points["camera"]["lens"]
 
 

@@ -1,6 +1,6 @@
-"""Jobs: things that are each fetched and put somewhere, by whoever does it best, in a partial order.
+"""Jobs: pick-and-place of one object each, in a partial order, for a given agent or the best suited one.
 
-For tasks that are composed from a sentence (`rf_exp.compose`). Lengths in m, angles in degrees.
+For tasks composed from a sentence (`rf_exp.compose`). Lengths in m, angles in degrees.
 """
 
 from collections.abc import Sequence
@@ -17,18 +17,18 @@ from rf_exp.types import ANYBODY, Condition, Measured, Scene, Subgoal
 
 @dataclass(frozen=True)
 class Job:
-    """A thing that is grasped at a point and put at a point of a target."""
+    """Pick-and-place job: an object is grasped at a point and put at a point of a target."""
 
     thing: str
-    grip: str  # a grasp point of the thing
+    grip: str  # a grasp point of the object
     target: str
     point: str  # a place or drop point of the target
-    after: tuple[str, ...] = ()  # things that have to be where they belong before
+    after: tuple[str, ...] = ()  # objects that have to be in place before
     agent: int = ANYBODY
 
 
 def plan(scene: Scene, task: Task, jobs: Sequence[Job]) -> Proposal:
-    """What is not yet where it belongs is fetched; who holds a thing already goes on with it."""
+    """Each object that is not in place is fetched; an agent that already holds one keeps it."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     agents: dict[str, int] = {}
@@ -46,21 +46,21 @@ def plan(scene: Scene, task: Task, jobs: Sequence[Job]) -> Proposal:
 
 
 def conditions(scene: Scene, task: Task, jobs: Sequence[Job]) -> dict[str, Condition]:
-    """Each thing is where it belongs, upright, let go and at rest."""
+    """Each object is in place, upright, released and at rest."""
     places = {f"{job.thing} at {job.point} of {job.target}": there(scene, task, job) for job in jobs}
     return {**places, **set_down(scene, [job.thing for job in jobs], task.success)}
 
 
 def there(scene: Scene, task: Task, job: Job) -> Measured:
-    """Whether the thing of a job is where it belongs: on the place, or within the walls of what it is put in.
+    """Whether the object of a job is in place: on the place point, or within the walls of the container.
 
-    Reads `beside_m` and `above_m` of the task's thresholds.
+    Reads the thresholds `beside_m` and `above_m`.
     """
     target, point = task.asset(job.target), task.points[job.target][job.point]
     target_from_thing = inverse(scene.poses[job.target]) @ scene.poses[job.thing]
     if target.points[job.point].kind == "drop":
         low, high = target.bounds_m
-        within_m = float(min(high[:2] - low[:2])) / 2  # of the walls: what sticks out does so one way alone
+        within_m = float(min(high[:2] - low[:2])) / 2  # of the walls; handles stick out along one axis
         x_m, y_m, height_m = target_from_thing[:3, 3].tolist()
         inside = below(hypot(x_m, y_m), within_m, "m")
         return every((inside, above(height_m, 0.0, "m"), below(height_m, float(high[2]), "m")))

@@ -1,4 +1,4 @@
-"""Things that are fetched and placed, by one arm after the other."""
+"""Pick-and-place of objects, and its order between arms."""
 
 from rf_exp.statements import Before, ShareSpace, Statement, Step
 from rf_exp.tasks import Task
@@ -9,23 +9,23 @@ from rf_exp.types import Condition, Scene, Subgoal
 def fetch(
     agent: int, thing: str, target: str, target_point: str | None = None, grip: str = "center"
 ) -> list[Subgoal]:
-    """A thing is grasped at a point, and placed."""
+    """Subgoals to grasp an object at a point and place it."""
     place = Subgoal(agent, "place", thing, target=target, target_point=target_point)
     return [Subgoal(agent, "grasp", thing, grip), place]
 
 
 def in_turn(first: Step, then: Step) -> list[Statement]:
-    """A step of one arm comes before one of another, and they yield to one another."""
+    """One step comes before another, and their agents yield to each other."""
     return [Before(first, then), ShareSpace((first.agent, then.agent))]
 
 
 def goals(task: Task) -> dict[str, str]:
-    """Cube -> the goal of its number."""
+    """Cube -> the goal with its number."""
     return {name: name.replace("cube", "goal") for name in task.objects if name.startswith("cube")}
 
 
 def left_to_bring(scene: Scene, task: Task) -> dict[str, str]:
-    """Cube -> its goal, of those that do not lie there yet, or are held."""
+    """Cube -> its goal, for the cubes that are not there yet or are still held."""
     return {
         cube: goal
         for cube, goal in goals(task).items()
@@ -34,7 +34,7 @@ def left_to_bring(scene: Scene, task: Task) -> dict[str, str]:
 
 
 def brought(scene: Scene, task: Task, named: str) -> dict[str, Condition]:
-    """Conditions of cubes that have goals: each is on its own, upright, let go and at rest."""
+    """Conditions that each cube is on its goal (named `named`), upright, released and at rest."""
     pairs = goals(task)
     there = every(on_goal(scene, cube, goal, task.success) for cube, goal in pairs.items())
     return {named: there, **set_down(scene, pairs, task.success)}

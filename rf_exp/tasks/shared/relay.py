@@ -1,6 +1,6 @@
-"""A thing that goes through the hands of several arms: for Long Pipeline Delivery and the family *chain*.
+"""Relay: several arms pass an object on. For Long Pipeline Delivery and the family *chain*.
 
-The task has a place `stop<k>` where agent k lays things for the next one of the chain.
+At the task's place `stop<k>` agent k puts objects down for the next agent of the chain.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from rf_exp.types import Scene, Subgoal
 
 
 def deliver(thing: str, chain: Sequence[int], goal: str) -> tuple[list[Subgoal], list[Statement]]:
-    """Each arm lays the thing within reach of the next one and yields; the last one puts it on the goal."""
+    """Each arm puts it down within reach of the next one and yields; the last one puts it on `goal`."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     for agent in chain:
@@ -25,7 +25,7 @@ def deliver(thing: str, chain: Sequence[int], goal: str) -> tuple[list[Subgoal],
 
 
 def remaining(scene: Scene, task: Task, thing: str, chain: Sequence[int]) -> Sequence[int]:
-    """The rest of the chain: from who holds the thing, finds it at a stop, or is nearest to it."""
+    """The rest of the chain, from the agent that holds the object, finds it at a stop, or is nearest."""
     places, within_m = task.places(scene), task.success["goal_m"]
     takers = (then for giver, then in pairwise(chain) if near(scene, thing, places[f"stop{giver}"], within_m))
     nearest = min(chain, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses[thing][1, 3]))

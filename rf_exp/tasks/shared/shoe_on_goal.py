@@ -1,4 +1,4 @@
-"""A shoe on its way to a goal: shared by Pass Shoe and Long Pipeline Delivery.
+"""Success of bringing a shoe to a goal: shared by Pass Shoe and Long Pipeline Delivery.
 
 The task's objects are `shoe` and `goal`, a mark on the table.
 """
@@ -15,12 +15,12 @@ def arrived(scene: Scene, task: Task) -> Condition:
 
 
 def done(scene: Scene, task: Task) -> bool:
-    """Whether nothing is left to do: the shoe is on the goal and nobody holds it."""
+    """Whether the plan is finished: the shoe is on the goal and released."""
     return bool(arrived(scene, task)) and released(scene, ["shoe"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The shoe stands upright on the goal, let go and at rest."""
+    """The shoe stands upright on the goal, released and at rest."""
     return {"shoe on the goal": arrived(scene, task), **set_down(scene, ["shoe"], task.success)}
 
 

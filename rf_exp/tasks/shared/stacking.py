@@ -1,6 +1,6 @@
-"""A tower of cubes on a goal, built by several arms: for Three Robots Stack Cube and the family *tower*.
+"""A stack of cubes on a goal, built by several arms: for tasks that stack cubes and the family *tower*.
 
-A stack names cubes and their agents from the bottom up; the task has an object `goal`.
+A stack maps cubes to agents, from the bottom up; the task has an object `goal`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from rf_exp.types import Condition, Scene, Subgoal
 
 
 def plan(scene: Scene, task: Task, stack: Mapping[str, int]) -> Proposal:
-    """Everybody fetches a cube; each is placed once the one below it lies there."""
+    """All arms fetch their cubes; each is placed once the one below it is in place."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     left: list[tuple[int, str]] = []
@@ -31,21 +31,21 @@ def plan(scene: Scene, task: Task, stack: Mapping[str, int]) -> Proposal:
 
 
 def standing(scene: Scene, task: Task, names: Sequence[str]) -> list[Condition]:
-    """Which of the cubes lies where it belongs: the first on the goal, the others on the one below."""
+    """Whether each cube is in place: the first on the goal, the others on the one below."""
     limits = task.success
     bottom = on_goal(scene, names[0], "goal", limits)
     return [bottom, *(on(scene, task, top, bearer, limits["beside_m"]) for bearer, top in pairwise(names))]
 
 
 def conditions(scene: Scene, task: Task, names: Sequence[str]) -> dict[str, Condition]:
-    """Each cube is in its place, level, let go and at rest."""
+    """Each cube is in its place, level, released and at rest."""
     in_place = zip(names, standing(scene, task, names), strict=True)
     places = {f"{name} in its place": there for name, there in in_place}
     return {**places, **set_down(scene, names, task.success)}
 
 
 def conditions_of_two(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """Blue on the goal, red on blue, both level, let go by everybody and at rest."""
+    """Blue on the goal, red on blue, both level, released and at rest."""
     on_the_goal, on_blue = standing(scene, task, ("blue", "red"))
     there = {"blue on the goal": on_the_goal, "red on blue": on_blue}
     return {**there, **set_down(scene, ("blue", "red"), task.success)}

@@ -1,1 +1,1 @@
-"""What every task has: its configuration, the starts of its episodes, and who judges them."""
+"""The task class: configuration, starts of episodes, scene variation and evaluation of success."""

@@ -1,8 +1,9 @@
-"""Clutter: things on the table that no task is about, drawn by the seed of a scene and placed off its zones.
+"""Clutter: objects on the table that no task involves, drawn from the scene's seed and placed off its zones.
 
-A piece stands nowhere where an object of the task may start, whatever the seed, where something is put,
-where grippers come to either, nor at or under an arm at rest; what an arm crosses in between is left to it.
-Pieces are of a few convex parts in two colours, stand on their origins, and have shapes of two sets.
+The zones, which no piece enters, are where objects of the task may start under any seed, the task's named
+places, the approaches of grippers to both, and the areas at and under arms at rest. The space that arms cross
+in between is not kept free. A piece has a few convex parts in two colours, its origin on its underside, and a
+shape of one of two sets.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,21 +23,21 @@ from rf_exp.transforms import Matrix, planar, transform
 if TYPE_CHECKING:
     from rf_exp.tasks.task.task import Task
 
-MARGIN_M = 0.12  # round things and places: half of an open hand, and a little
-BASE_M, ARM_M = 0.25, 0.15  # round a base, and beside the line from it to its hand at rest
-APART_M = 0.03  # between two pieces
-EDGE_M = 0.05  # to that of the table
-TRIES = 100  # draws of where a piece stands
+MARGIN_M = 0.12  # around objects and places: slightly more than half an open gripper
+BASE_M, ARM_M = 0.25, 0.15  # around a base, and beside the line from it to its TCP at rest
+APART_M = 0.03  # least distance between two pieces
+EDGE_M = 0.05  # least distance to the table's edge
+TRIES = 100  # draws of the position of a piece
 DENSITY_KG_M3 = 300.0  # most are hollow
-SIDES = 16  # of what is round
-PROUD_M = 0.0005  # what is only seen stands out so far
+SIDES = 16  # of the polygon of a round part
+PROUD_M = 0.0005  # how far parts without collision stand out
 
 Size = tuple[float, float, float]  # metres along x, y, z
 Build = Callable[[Size, Colour, Colour], list[Part]]
 
 
 def _turned(profile: list[tuple[float, float]], colour: Colour, **keywords) -> Part:
-    """What a convex profile of (radius, height) sweeps about z."""
+    """The solid of revolution of a convex profile of (radius, height) about z."""
     angles = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     around = np.column_stack([np.cos(angles), np.sin(angles)])
     rings = [np.column_stack([radius_m * around, np.full(SIDES, z_m)]) for radius_m, z_m in profile]
@@ -82,7 +83,7 @@ def _book(size: Size, colour: Colour, other: Colour) -> list[Part]:
 
 
 def _ball(size: Size, colour: Colour, other: Colour) -> list[Part]:
-    """Flat where it lies, so that it stays there."""
+    """A ball with a flat underside, so that it does not roll."""
     radius = size[0] / 2
     heights = np.linspace(-0.85, 1, 9) * radius
     across = np.sqrt(np.maximum(radius**2 - heights**2, 0.0))
@@ -115,7 +116,7 @@ def _cone(size: Size, colour: Colour, other: Colour) -> list[Part]:
 
 
 def _carton(size: Size, colour: Colour, other: Colour) -> list[Part]:
-    """Of milk: a block with a gable."""
+    """A milk carton: a block with a gable."""
     x, y, z = size
     gable = [(a, b, 0.75 * z) for a in (-x / 2, x / 2) for b in (-y / 2, y / 2)]
     ridge = [(a, 0, z) for a in (-x / 2, x / 2)]
@@ -123,12 +124,12 @@ def _carton(size: Size, colour: Colour, other: Colour) -> list[Part]:
 
 
 def _tower(size: Size, colour: Colour, other: Colour) -> list[Part]:
-    """Two blocks that are one."""
+    """Two stacked blocks as one piece."""
     x, y, z = size
     return [_block((x, y, 0.55 * z), 0.0, colour), _block((0.6 * x, 0.6 * y, 0.45 * z), 0.55 * z, other)]
 
 
-# Set -> kind -> how it is built, and its smallest and largest size. Round things are as wide as long.
+# Set -> kind -> (build function, smallest size, largest size). Round pieces are as wide as long.
 HOUSEHOLD: Mapping[str, Mapping[str, tuple[Build, Size, Size]]] = {
     "seen": {
         "box": (_box, (0.05, 0.04, 0.04), (0.14, 0.10, 0.16)),
@@ -149,9 +150,9 @@ HOUSEHOLD: Mapping[str, Mapping[str, tuple[Build, Size, Size]]] = {
 }
 
 
-@lru_cache(maxsize=256)  # they differ from scene to scene
+@lru_cache(maxsize=256)  # bounded: pieces differ from scene to scene
 def household(of: str, kind: str, size_m: Size, colour: Colour, other: Colour) -> Asset:
-    """A thing of a kind of one of the two sets, in two colours; the same object for the same arguments."""
+    """The asset of a kind of clutter (set `of`) in two colours; the same instance for the same arguments."""
     build, _, _ = HOUSEHOLD[of][kind]
     parts = tuple(build(size_m, colour, other))
     volume_m3 = sum(part.mesh.volume for part in parts if part.solid)
@@ -160,7 +161,7 @@ def household(of: str, kind: str, size_m: Size, colour: Colour, other: Colour) -
 
 @dataclass(frozen=True)
 class Clutter:
-    """One piece, and where it stands."""
+    """One piece of clutter and its place."""
 
     set: str  # seen | unseen
     kind: str
@@ -180,18 +181,18 @@ class Clutter:
 
 
 def drawn_piece(of: str, rng: np.random.Generator) -> Clutter:
-    """A piece that has no place yet. The two sets have shapes and hues of their own."""
+    """A random piece of a set, without a place yet. The two sets share neither shapes nor hues."""
     kind = rng.choice([*HOUSEHOLD[of]]).item()
     _, least, most = HOUSEHOLD[of][kind]
     x, y, z = (np.array(least) + rng.uniform(size=3) * np.subtract(most, least)).tolist()
-    if least[0] == least[1]:  # it is round
+    if least[0] == least[1]:  # round
         y = x
     colours = _colour(of, rng), _colour(of, rng)
     return Clutter(of, kind, (x, y, z), colours, float(rng.uniform(-180, 180)))
 
 
 def _colour(of: str, rng: np.random.Generator) -> Colour:
-    """Of six sectors of the circle of hues every other one is of a set."""
+    """A random colour of a set: each set has every other one of six sectors of the hue circle."""
     sector, within = rng.integers(3), rng.uniform()
     value, saturation = rng.uniform((0.15, 0.35), (0.8, 0.95))
     hue = 2 * sector + within + (of == "unseen")
@@ -203,9 +204,9 @@ def _colour(of: str, rng: np.random.Generator) -> Colour:
 def placed(
     task: "Task", places: Mapping[str, Matrix], pieces: tuple[Clutter, ...], stream: list[int]
 ) -> dict[str, Clutter]:
-    """Name -> a piece in its place, of those for which one was found: as many draws as tries allow.
+    """Name -> placed piece, for the pieces that found a free place within TRIES draws.
 
-    `places` is what the task names. Each piece has a stream of random numbers of its own.
+    `places` are the task's named places. Each piece has its own stream of random numbers.
     """
     kept_free, middle = zones(task, places)
     (x, y), (across, along) = TABLE_CENTRE_M, np.array(TABLE_M[:2]) / 2 - EDGE_M
@@ -227,7 +228,7 @@ def placed(
 
 
 def zones(task: "Task", places: Mapping[str, Matrix]) -> tuple[BaseGeometry, NDArray[np.float64]]:
-    """What clutter keeps off, seen from above, and (2,) the middle of where objects start."""
+    """The area that clutter keeps off, seen from above, and the centre (2,) of the objects' starts."""
     kept_free: list[BaseGeometry] = []
     starts = _starts(task)
     widest_m = 0.0
@@ -246,7 +247,7 @@ def zones(task: "Task", places: Mapping[str, Matrix]) -> tuple[BaseGeometry, NDA
 
 
 def reach_m(asset: Asset) -> float:
-    """How far a thing, and where grippers begin to come to it, are from its origin, seen from above."""
+    """Horizontal radius about the origin that covers an object and the standoffs of its approaches."""
     corners = [part.mesh.vertices[:, :2] for part in asset.parts]
     for point in asset.points.values():
         pose = point.object_from_tcp
@@ -255,13 +256,13 @@ def reach_m(asset: Asset) -> float:
 
 
 def _starts(task: "Task") -> dict[str, NDArray[np.float64]]:
-    """Object -> (K, 2) corners of where its origin may start, whatever the seed."""
+    """Object -> corners (K, 2) of the area in which its origin may start under any seed."""
     found: dict[str, NDArray[np.float64]] = {}
-    turns_deg: dict[str, NDArray[np.float64]] = {}  # object -> its lowest and highest yaw
+    turns_deg: dict[str, NDArray[np.float64]] = {}  # object -> (lowest, highest) yaw
     for name, spec in task.objects.items():
         own = np.array([(x, y) for x in spec.x_m for y in spec.y_m])
         turn = np.array(spec.yaw_deg)
-        if (hinge := task.asset(name).hinge) is not None:  # also where it is shut
+        if (hinge := task.asset(name).hinge) is not None:  # closed as well
             shut = planar(spec.x_m[0], spec.y_m[0], np.deg2rad(spec.yaw_deg[0]))
             own = np.concatenate([own, (shut @ hinge.turned(np.deg2rad(spec.open_deg)))[None, :2, 3]])
         if spec.relative_to is not None:

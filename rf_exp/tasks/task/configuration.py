@@ -1,4 +1,4 @@
-"""Turns the configuration of a task, as plain values, into a checked Task."""
+"""Parses and checks the configuration of a task: plain values to a Task."""
 
 import re
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ from rf_exp.texts import printable
 
 CONFIGURED = CONF / "task"
 VARIATIONS = CONF / "variation"
-LONGEST_WORDS = 2_000  # characters of a description
+LONGEST_WORDS = 2_000  # characters of a text, such as a description
 _KEY = re.compile(r"[A-Za-z][\w-]{0,63}", re.ASCII)
 
 
@@ -37,12 +37,12 @@ def _defaults() -> dict[str, Any]:
 
 
 def default_of(key: str) -> Any:
-    """What conf/config.yaml says of a key, for who works without the command: a new value with each call."""
+    """A fresh copy of the default of a key in conf/config.yaml, for callers other than the command line."""
     return deepcopy(_defaults()[key])
 
 
 def _range(value: object) -> object:
-    """A single number is a range without width."""
+    """Turns a single number into a range without width."""
     return [float(value), float(value)] if isinstance(value, int | float) else value
 
 
@@ -52,10 +52,10 @@ _CONFIG = dacite.Config(
 
 
 def check_words(name: str, node: object, key: str = "") -> None:
-    """Raises ArgumentError for words of a task that cannot be shown, are too long, or come from elsewhere.
+    """Raises ArgumentError for texts of a task that are not printable, too long, or contain an interpolation.
 
-    They end in pages, tables and data that others read, and what Hydra would put into the place of a `${...}`
-    may be of the environment. Keys are names.
+    The texts end up in pages, tables and data that others read, and Hydra could resolve a `${...}` from the
+    environment. Keys have to be names.
     """
     if isinstance(node, str):
         if "${" in node:
@@ -90,14 +90,14 @@ def load_task(
     robot: Robots | None = None,
     borrowed: Borrowed | None = None,
 ) -> Task:
-    """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
+    """The Task of a mapping of plain Python values: that below the key `<name>` of `conf/task/<name>.yaml`.
 
-    What it does not say of randomisation is as in conf/config.yaml. Of a family `arms` and `things` are its
-    numbers, which it has usual ones of; `robot` puts others to its bases (`robots.py`), and what is
-    `borrowed` of the authors' release takes the place of what it has.
-    Raises ArgumentError naming the field for what is missing, unknown, or of another type, for a robot or an
-    asset that does not exist, for an object that stands on one not listed before it, for one that may
-    start beyond the table's edge, and for numbers that a family does not have, or a task that is none.
+    Missing keys of randomisation have the defaults of conf/config.yaml. `arms` and `things` are the
+    counts of a family, which has defaults; `robot` replaces its robots (`robots.py`), and `borrowed` replaces
+    its assets and cameras by those of the authors' release.
+    Raises ArgumentError that names the field for a missing or unknown field and for a wrong type; also for a
+    robot or an asset that does not exist, an object relative to one not listed before it, an object that may
+    start beyond the table's edge, counts that a family does not allow, and counts for a task that is none.
     """
     check_words(name, node)
     if is_family(node):
@@ -119,8 +119,8 @@ def load_task(
 
 
 def _checked(name: str, node: Mapping) -> Task:
-    """The Task that a configuration has the values of. Raises ArgumentError as `load_task` does."""
-    if "clutter" in node:  # a seed draws it
+    """The Task of a complete configuration. Raises ArgumentError as `load_task` does."""
+    if "clutter" in node:  # only drawn from a seed
         raise ArgumentError("unknown field clutter")
     find_robots(node)
     drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
@@ -146,7 +146,7 @@ def _checked(name: str, node: Mapping) -> Task:
 
 
 def _badly_placed(task: Task, name: str) -> str | None:
-    """What is wrong with where an object stands, or how it hangs by its hinge; None: nothing."""
+    """An error in the placement of an object or of its hinge, as the end of a sentence; None: no error."""
     spec, hinge = task.objects[name], task.asset(name).hinge
     bearer, before = spec.relative_to, [*task.objects][: [*task.objects].index(name)]
     if bearer is not None and bearer not in before:
@@ -169,7 +169,7 @@ def _badly_placed(task: Task, name: str) -> str | None:
 
 
 def read_variation(name: str) -> Variation:
-    """A choice of conf/variation. Raises ArgumentError for one that is not there."""
+    """The Variation of conf/variation/<name>.yaml. Raises ArgumentError for one that does not exist."""
     known = sorted(path.stem for path in VARIATIONS.glob("*.yaml"))
     if name not in known:
         raise choices("variation", name, known)
@@ -192,12 +192,11 @@ def read_task(
 
 
 def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
-    """The task of that name in a folder of YAML files, or of a family in it, as `ring` or `ring_6x2`.
+    """The task of a name in a folder of YAML files, or None where there is none.
 
-    Also one with other robots, as `pick_meat-ur5`, and one with cameras of the release; one with its assets
-    is not known by its name, which does not say where they lie.
-
-    None where there is none of that name. Raises ArgumentError as `load_task` does.
+    The name may be a family's, as `ring` or `ring_6x2`, have other robots, as `pick_meat-ur5`, or cameras of
+    the release. With assets of the release it is None: the name does not hold their folder.
+    Raises ArgumentError as `load_task` does.
     """
     if not isinstance(name, str):
         return None
@@ -215,11 +214,11 @@ def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
 
 
 def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
-    """The Task that a store was made of, as a folder of YAML files tells it which the person named.
+    """The Task of a store, read from a folder of YAML files that the user has chosen.
 
-    A store's attributes are data of anybody: they name a task and are compared with it, but say neither
-    which code nor which files are loaded. Raises ArgumentError for a task that is not in the folder, for
-    one that is another now, and for demonstrations of others.
+    The attributes of a store are not trusted: they name a task and are compared with it, but do not choose
+    which code or files are loaded. Raises ArgumentError for a task that is not in the folder, for one whose
+    configuration differs from the store's, and for imported demonstrations.
     """
     if "imported" in identity:
         raise ArgumentError(
@@ -230,7 +229,7 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
     if task is None:
         raise choices(f"task of a store, in {folder}:", name, [path.stem for path in folder.glob("*.yaml")])
     stored: Mapping[str, Any] = scene if isinstance(scene, Mapping) else {}
-    try:  # how strongly scenes vary is an experiment's to say, not the file's
+    try:  # randomisation and variation are set by the experiment, not by the file
         task = replace(task, randomisation=Randomisation(**stored["randomisation"]))
         if "variation" in stored:
             task = replace(task, variation=read_values(Variation, stored["variation"], "variation."))

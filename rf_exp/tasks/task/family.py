@@ -1,8 +1,8 @@
-"""Families: tasks whose number of arms, and of things for each, are keys: `task=ring arms=6 things=2`.
+"""Families: tasks whose numbers of arms and of objects (`things`) are keys: `task=ring arms=6 things=2`.
 
-A family is `conf/task/family/<name>.yaml`, which has ranges `arms` and `things` and lengths of a `layout` in
-place of robots, objects and cameras, and a module with `layout(arms, things, ...)` that makes those of them,
-beside what the module of any task has (`task.py`). Its tasks are called `<name>_<arms>x<things>`.
+A family is `conf/task/family/<name>.yaml`, with counts `arms` and `things` and parameters of a `layout` in
+place of robots, objects and cameras, and a module with `layout(arms, things, ...)`, which returns these,
+beside the contents of any task's module (`task.py`). Its tasks are called `<name>_<arms>x<things>`.
 """
 
 import re
@@ -15,21 +15,21 @@ from typing import Any
 from rf_exp.artifacts import read_values
 from rf_exp.errors import ArgumentError
 
-FOLDER = "family"  # below that of the tasks
+FOLDER = "family"  # below the folder of the tasks
 MODULES = "rf_exp.tasks.families"
 _MEMBER = re.compile(r"(?P<family>\w+?)_(?P<arms>\d+)x(?P<things>\d+)")
 
 
 @dataclass(frozen=True)
 class Count:
-    """How many there may be, and are unless somebody says."""
+    """A count of a family: its default and its bounds."""
 
     usual: int
     least: int
     most: int
 
     def of(self, key: str, given: int | None) -> int:
-        """The number that was given, or the usual one. Raises ArgumentError for one that does not fit."""
+        """The given number, or the default for None. Raises ArgumentError for one out of bounds."""
         number = self.usual if given is None else given
         many = f"{self.least} to {self.most}" if self.least < self.most else f"{self.most}"
         if type(number) is not int:
@@ -43,16 +43,16 @@ COUNTED = tuple(each.name for each in fields(Count))
 
 
 def is_family(node: Mapping[str, Any]) -> bool:
-    """Whether the configuration of a task is that of a family."""
+    """Whether a configuration is that of a family."""
     return "layout" in node
 
 
 def member(
     name: str, node: Mapping[str, Any], arms: int | None = None, things: int | None = None
 ) -> tuple[str, dict[str, Any]]:
-    """The task of a family with so many arms and things for each: its name, and its configuration.
+    """Name and configuration of the task of a family with these counts.
 
-    Raises ArgumentError for more or fewer than there may be.
+    Raises ArgumentError for counts out of bounds.
     """
     counts = {key: read_values(Count, node.get(key, {}), f"{key}.") for key in ("arms", "things")}
     numbers = {key: counts[key].of(key, given) for key, given in (("arms", arms), ("things", things))}
@@ -68,11 +68,11 @@ def member(
 
 
 def parsed(name: str) -> tuple[str, int, int] | None:
-    """Family, arms and things of the name of such a task; None for any other name."""
+    """(family, arms, things) of the name of a family's task; None for any other name."""
     found = _MEMBER.fullmatch(name)
     return (found["family"], int(found["arms"]), int(found["things"])) if found else None
 
 
 def families(folder: Path) -> dict[str, Path]:
-    """The families of a folder of tasks, by their names."""
+    """Family -> its file, in a folder of tasks."""
     return {path.stem: path for path in sorted((folder / FOLDER).glob("*.yaml"))}

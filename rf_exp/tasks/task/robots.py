@@ -1,7 +1,7 @@
-"""Other robots in a task: one at every base, `robot=ur5`, or one for each arm, `robot=[panda,ur5]`.
+"""Replacement of a task's robots by one model for all arms, `robot=ur5`, or one per arm, `robot=[panda,ur5]`.
 
-Such a task is called `<name>-<robot>`, or `<name>-<robot>-<robot>` with one for each arm. All else is that of
-the task, but for where bases stand: so much nearer as a robot reaches less far than the usual one.
+Such a task is called `<name>-<robot>`, or `<name>-<robot>-<robot>` with one per arm. Everything else is the
+task's, except that a base moves forward by as much as its robot reaches less far than the replaced one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +15,12 @@ from rf_exp.robots import DEFAULT, known_robots, robot_named
 from rf_exp.texts import printable
 
 Robots = str | Sequence[str]
-MARK = "-"  # between a task and its robots
+MARK = "-"  # in names, between a task and its robots
 MODULES = "rf_exp.tasks"
 
 
 def find_robots(node: Mapping[str, Any], names: Sequence[Any] = ()) -> None:
-    """Imports the code of a task that names a robot of its own, or is given one: there it is added."""
+    """Imports the task's `code` where a robot is not registered yet: that module may register it."""
     robots, code = node.get("robots", ()), node.get("code")
     said = {robot.get("model", DEFAULT.name) for robot in robots if isinstance(robot, Mapping)}
     if isinstance(code, str) and not {*said, *names} <= {robot.name for robot in known_robots()}:
@@ -28,9 +28,9 @@ def find_robots(node: Mapping[str, Any], names: Sequence[Any] = ()) -> None:
 
 
 def with_robots(name: str, node: Mapping[str, Any], robots: Robots) -> tuple[str, Mapping[str, Any]]:
-    """A task with other robots: its name and its configuration. With the robots that it has it is itself.
+    """Name and configuration of a task with other robots; unchanged for the robots that it has.
 
-    Raises ArgumentError for robots that nobody knows, and for more or fewer than it has arms.
+    Raises ArgumentError for unknown robots, and for a list whose length is not the number of arms.
     """
     names = list(robots) if isinstance(robots, Sequence) and not isinstance(robots, str) else [robots]
     placed = node.get("robots", ())
@@ -58,13 +58,13 @@ def with_robots(name: str, node: Mapping[str, Any], robots: Robots) -> tuple[str
 
 
 def parted(name: str) -> tuple[str, list[str]]:
-    """The task, and the robots, of the name of a task with other robots: one for all, or one for each arm."""
+    """(task, robots) of the name of a task with other robots: one model for all arms, or one per arm."""
     task, *robots = name.split(MARK)
     return task, robots
 
 
 def _placed(line: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Where another robot stands, and which; its posture of rest is its own."""
+    """The entry of an arm with another robot: base moved, rest posture of the new robot."""
     if name == line.get("model", DEFAULT.name):
         return dict(line)
     had, has = robot_named(line.get("model", DEFAULT.name)), robot_named(name)

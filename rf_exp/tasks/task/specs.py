@@ -1,4 +1,4 @@
-"""What the configuration of a task says, as frozen values; and the table on which all tasks stand."""
+"""Specifications in a task's configuration, as frozen values; size of the table, the same for all tasks."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -14,13 +14,13 @@ from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix, from_axes, planar, rotated
 from rf_exp.types import FINGERS, CameraModel
 
-SMALLEST, LARGEST = 0.5, 1.5  # sizes of objects, against their usual ones
+SMALLEST, LARGEST = 0.5, 1.5  # scales of objects
 TABLE_M = (2.6, 2.8, 0.06)  # extents along x, y, z; the top is at z = 0
 TABLE_CENTRE_M = (0.1, 0.0)
 
 
 def beyond_edge(points: NDArray[np.float64]) -> tuple[float, str]:
-    """By how many m points (K, 2 or 3) lie beyond an edge at most, and which; 0 or less: none does."""
+    """How far (m) points (K, 2 or 3) extend beyond an edge at most, and which edge; 0 or less: not at all."""
     half, centre = np.array(TABLE_M[:2]) / 2, np.array(TABLE_CENTRE_M)
     ends = np.stack([points[:, :2].min(axis=0), points[:, :2].max(axis=0)])  # (2, 2) lowest and highest
     edges = np.stack([centre - half, centre + half])
@@ -31,14 +31,14 @@ def beyond_edge(points: NDArray[np.float64]) -> tuple[float, str]:
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """Which robot is bolted to the table, where, and how it stands when it has nothing to do."""
+    """A robot bolted to the table: model, base pose and rest posture."""
 
     x_m: float
     y_m: float
     yaw_deg: float
-    rest_rad: tuple[float, ...] = ()  # (dof,); that of the robot unless given
+    rest_rad: tuple[float, ...] = ()  # (dof,); by default that of the robot
     model: Robot = DEFAULT
-    z_m: float = 0.0  # of its base, above the table top
+    z_m: float = 0.0  # of the base above the table top
 
     def __post_init__(self) -> None:
         rest_rad, joints = self.rest_rad or self.model.rest_rad, self.model.dof
@@ -48,7 +48,7 @@ class RobotSpec:
 
     @property
     def at_rest(self) -> NDArray[np.float64]:
-        """(D,) joints at rest, in rad, and open fingers in m."""
+        """(D,) joints at rest in rad, then open fingers in m."""
         return np.array([*self.rest_rad, *[self.model.hand.open_m] * FINGERS])
 
     @cached_property
@@ -57,12 +57,12 @@ class RobotSpec:
 
     @property
     def mounted(self) -> Asset | None:
-        """What is screwed to the hand and can hit things, in the frame of its link."""
+        """Collision geometry mounted on the gripper, in the frame of its link; None: nothing."""
         return None
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What decides where it stands and how it moves. What most tasks have is not told."""
+        """Part of the task's identity: placement and model. Default values are left out."""
         placed = {"x_m": self.x_m, "y_m": self.y_m, "yaw_deg": self.yaw_deg, "rest_rad": self.rest_rad}
         placed |= {"z_m": self.z_m} if self.z_m else {}
         return placed if self.model == DEFAULT else {**placed, "model": self.model.identity}
@@ -70,7 +70,7 @@ class RobotSpec:
 
 @dataclass(frozen=True)
 class ObjectSpec:
-    """An object and the ranges its start is drawn from, uniform for each axis."""
+    """An object and the ranges of its start pose, uniform on each axis."""
 
     asset: str
     x_m: tuple[float, float] = (0.0, 0.0)
@@ -78,9 +78,9 @@ class ObjectSpec:
     z_m: float = 0.0
     yaw_deg: tuple[float, float] = (0.0, 0.0)
     relative_to: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
-    options: Mapping[str, Any] = field(default_factory=dict)  # of the asset, e.g. its colour
-    size: float = 1.0  # against that of the asset
-    open_deg: float = 0.0  # of what hangs by a hinge on what it is relative to
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the asset's `build`, e.g. its colour
+    size: float = 1.0  # scale of the asset
+    open_deg: float = 0.0  # start angle of a hinged object, which hangs on `relative_to`
 
     def __post_init__(self) -> None:
         for axis in ("x_m", "y_m", "yaw_deg"):
@@ -99,17 +99,17 @@ class ObjectSpec:
 
     @cached_property
     def nominal(self) -> Matrix:
-        """(4, 4) in the middle of its ranges, in the frame that they count from."""
+        """(4, 4) pose in the middle of the ranges, in the frame that they are relative to."""
         x_m, y_m, yaw_deg = (sum(ends) / 2 for ends in (self.x_m, self.y_m, self.yaw_deg))
         return planar(x_m, y_m, np.deg2rad(yaw_deg), self.z_m)
 
     @property
     def stands_on(self) -> str | None:
-        """The object that bears it: it belongs to that one, and is of one size with it."""
+        """The object that bears it and has the same scale; None: the table."""
         return self.relative_to if self.z_m else None
 
     def sized(self, size: float) -> "ObjectSpec":
-        """The same `size` times as large, and as much further away from what it stands on."""
+        """The object scaled by `size`, with its offsets from the object that bears it."""
         if size == 1:
             return self
         spec = replace(self, size=size * self.size)
@@ -121,7 +121,7 @@ class ObjectSpec:
 
 @dataclass(frozen=True)
 class CameraMotion:
-    """How one camera differs from what the task says."""
+    """Change of a camera against its specification."""
 
     shift_m: tuple[float, float, float]  # world frame
     turn_deg: tuple[float, float, float]  # rotation vector, in the camera's frame
@@ -130,13 +130,13 @@ class CameraMotion:
 
 @dataclass(frozen=True)
 class CameraSpec:
-    """A pinhole camera, fixed in the world or, with `mount: wrist`, eye in hand: on that of its agent."""
+    """A pinhole camera, fixed in the world or, with `mount: wrist`, eye in hand on its agent."""
 
     eye_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fov_deg: float = 90.0  # vertical
     mount: str = "world"  # world | wrist
-    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # off its target: a rotation vector, own axes
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector off the target, camera frame
 
     def __post_init__(self) -> None:
         if self.mount not in ("world", "wrist"):
@@ -146,17 +146,17 @@ class CameraSpec:
 
     @cached_property
     def world_from_camera(self) -> Matrix:
-        """(4, 4) of a camera that stands in the world: x right, y down, z forward (OpenCV)."""
+        """(4, 4) pose of a world camera: x right, y down, z forward (OpenCV)."""
         forward = np.subtract(self.target_m, self.eye_m)
         upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
         return from_axes(self.eye_m, z=forward, y=upright) @ rotated(np.deg2rad(self.turn_deg))
 
     def model(self, pose: Matrix, size_px: tuple[int, int]) -> CameraModel:
-        """Of pictures of this width and height, where it stands at `pose` (4, 4) in the world."""
+        """The camera model for a (width, height) and a world pose (4, 4)."""
         return CameraModel(*size_px, float(np.deg2rad(self.fov_deg)), pose)
 
     def moved(self, by: CameraMotion) -> "CameraSpec":
-        """The same camera, shifted and turned; of one on a hand only the field of view differs."""
+        """The camera shifted and turned; a wrist camera changes its field of view only."""
         fov_deg = self.fov_deg + by.fov_deg
         if self.mount == "wrist":
             return replace(self, fov_deg=fov_deg)
@@ -165,12 +165,12 @@ class CameraSpec:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What decides its pictures. What most tasks have is not told."""
+        """Part of the task's identity: all that determines its pictures. A zero `turn_deg` is left out."""
         return {key: value for key, value in asdict(self).items() if key != "turn_deg" or any(value)}
 
 
 class Thresholds(dict[str, float]):
-    """Those of a task's success, units in their names. Raises ArgumentError for one that its file lacks."""
+    """Thresholds of a task's success, units in their names. Raises ArgumentError for a missing one."""
 
     def __missing__(self, name: str) -> float:
         raise ArgumentError(
@@ -180,12 +180,12 @@ class Thresholds(dict[str, float]):
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Changes of what is seen, of the rest posture and of weights, drawn from the episode's seed."""
+    """Randomisation of rest posture, light, colours and masses, drawn from the episode's seed."""
 
-    init_qpos_std_rad: float  # standard deviation on each joint
+    init_qpos_std_rad: float  # standard deviation of each joint
     light: float  # half range of the relative brightness
     colour: float  # half range of the relative brightness of each primary colour of each object
-    mass_scale: float  # masses are uniform from the asset's up to this part of the way to its heaviest make
+    mass_scale: float  # masses are uniform from `mass_kg` to this fraction of the way to `heaviest_kg`
 
     def __post_init__(self) -> None:
         if not 0 <= self.init_qpos_std_rad < np.inf:

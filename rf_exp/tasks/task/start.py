@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
     from rf_exp.tasks.task.task import Task
 
-GAP_M = 0.005  # between objects at the start
-CLEAR_M = 0.01  # between an arm and what it does not hold
-APART_M = 0.03  # between corners of two arms: checks ask for a third of that, and edges may be nearer
+GAP_M = 0.005  # least distance between objects at the start
+CLEAR_M = 0.01  # least distance between an arm and an object
+APART_M = 0.03  # between vertices of two arms: the checks require a third of it, and edges may be nearer
 _DRAWS = 1000
-_DRAWN_IN = (0.1, 0.2, 0.4, 0.8)  # parts of the way from rest to the retracted posture
+_DRAWN_IN = (0.1, 0.2, 0.4, 0.8)  # fractions of the way from rest to the retracted posture
 
 
 @dataclass(frozen=True)
 class Start:
-    """What an episode begins with."""
+    """Initial state of an episode."""
 
     seed: int
     copy: int
@@ -39,24 +39,24 @@ class Start:
     light: float  # relative brightness
     tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
     masses_kg: Mapping[str, float]  # object -> its mass
-    devices: Devices = EXACT  # what sensors and actuators add
+    devices: Devices = EXACT  # errors of sensors and actuators
     look: Look = field(default_factory=Look)
-    lamps: Light = field(default_factory=Light)  # before they are as bright as `light` says
+    lamps: Light = field(default_factory=Light)  # before scaling by `light`
     clutter: Mapping[str, Matrix] = field(default_factory=dict)  # piece -> world_from_object
 
     @property
     def scene(self) -> Scene:
-        """As it is measured before anything has moved, known without a simulator."""
+        """The measured scene before any step, known without a simulator."""
         qvel, speeds = np.zeros_like(self.qpos), dict.fromkeys(self.poses, 0.0)
         held = (None,) * len(self.qpos)
         return Scene(0, self.qpos, qvel, self.poses, speeds, held=held, clutter=self.clutter)
 
 
 def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
-    """The start of an episode: a pure function of task and seed, and of a copy for what pictures alone show.
+    """The start of an episode: a pure function of task and seed; `copy` changes visual factors only.
 
-    Objects that would stand in one another are all drawn again. Raises ArgumentError for ranges
-    in which there is no room, and for an object that does not lie on the table.
+    All objects are drawn again while any overlap. Raises ArgumentError for ranges too narrow to keep objects
+    apart, and for an object that does not lie on the table.
     """
     rng = np.random.default_rng([seed, SCENE])
     for _ in range(_DRAWS):
@@ -102,9 +102,9 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
 def _postured(
     task: "Task", qpos: NDArray[np.float64], by_rad: NDArray[np.float64], poses: Mapping[str, Matrix]
 ) -> NDArray[np.float64]:
-    """Arms at qpos (N, D), moved by so much (N, dof); by less where one would stand in a thing or an arm.
+    """Start qpos (N, D) displaced by `by_rad` (N, dof), or less where an arm would meet an object or an arm.
 
-    Who stands in a thing at rest as well, where bases or the table have moved, is drawn in a little.
+    An arm that meets an object even at rest, as bases or the table have moved, is retracted step by step.
     """
     for part in (1.0, 0.5, 0.25, 0.0):
         found = qpos.copy()
@@ -126,7 +126,7 @@ def _postured(
 
 
 def stands_in(task: "Task", qpos: NDArray[np.float64], poses: Mapping[str, Matrix]) -> dict[int, str]:
-    """Row of each arm at qpos (N, D) that is nearer than CLEAR_M to a thing of `poses` -> which."""
+    """Row of an arm at qpos (N, D) -> an object of `poses` nearer than CLEAR_M; only arms that have one."""
     pieces = [(name, pose, hull) for name, pose in poses.items() for hull in task.asset(name).hulls]
     found: dict[int, str] = {}
     for row, links in enumerate(_links(task, qpos)):
@@ -142,7 +142,7 @@ def stands_in(task: "Task", qpos: NDArray[np.float64], poses: Mapping[str, Matri
 
 
 def arms_meet(task: "Task", qpos: NDArray[np.float64]) -> bool:
-    """Whether two arms at qpos (N, D) are nearer to one another than APART_M."""
+    """Whether any two arms at qpos (N, D) are nearer than APART_M."""
     return any(
         _near(hull, other_hull, inverse(link) @ other, APART_M)
         for a, b in combinations(_links(task, qpos), 2)
@@ -152,7 +152,7 @@ def arms_meet(task: "Task", qpos: NDArray[np.float64]) -> bool:
 
 
 def _links(task: "Task", qpos: NDArray[np.float64]) -> list[list[tuple[Matrix, "trimesh.Trimesh"]]]:
-    """Of each arm at qpos (N, D) its links: where they are, world_from_link, and their convex hulls."""
+    """For each arm at qpos (N, D), the links as (world_from_link, convex hull)."""
     found = []
     for row, arm in zip(qpos, task.arms.values(), strict=True):
         links = dict(zip(arm.robot.links, arm.links(row[None])[0], strict=True))
@@ -161,9 +161,9 @@ def _links(task: "Task", qpos: NDArray[np.float64]) -> list[list[tuple[Matrix, "
 
 
 def _near(one: "trimesh.Trimesh", other: "trimesh.Trimesh", one_from_other: Matrix, least_m: float) -> bool:
-    """Whether two convex meshes are nearer than so much: by corners of one in the other, both ways.
+    """Whether two convex meshes are nearer than `least_m`, by the vertices of each against the other's faces.
 
-    Links and things are convex pieces with many corners.
+    An approximation that suffices as links and objects have many vertices.
     """
     between = apply(one_from_other, other.bounds.mean(axis=0)) - one.bounds.mean(axis=0)
     radii_m = (np.linalg.norm(one.extents) + np.linalg.norm(other.extents)) / 2
@@ -175,7 +175,7 @@ def _near(one: "trimesh.Trimesh", other: "trimesh.Trimesh", one_from_other: Matr
 
 
 def _within(hull: "trimesh.Trimesh", points: NDArray[np.float64], least_m: float) -> bool:
-    """Whether a point (K, 3) is inside of a convex mesh, or nearer to it than so much."""
+    """Whether any point (K, 3) is inside a convex mesh or nearer than `least_m` to it."""
     outside_m = points @ hull.face_normals.T - (hull.triangles_center * hull.face_normals).sum(axis=1)
     return bool((outside_m.max(axis=1) < least_m).any())
 
@@ -192,9 +192,9 @@ def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:
 
 
 def beyond_table(task: "Task", name: str) -> tuple[float, str]:
-    """By how many m an object may start beyond an edge of the table, and which; 0 or less: it never does.
+    """How far (m) an object may start beyond an edge of the table, and which edge; 0 or less: not at all.
 
-    Of one whose ranges count from another object nothing is known before it is drawn.
+    (0, "") for an object relative to another one: its place is unknown before it is drawn.
     """
     spec = task.objects[name]
     if spec.relative_to is not None:
@@ -204,20 +204,20 @@ def beyond_table(task: "Task", name: str) -> tuple[float, str]:
     upright = _footprint(task, name, planar(0.0, 0.0, 0.0))
     corners = np.array([(x, y, 0.0) for x in spec.x_m for y in spec.y_m])
     farthest = corners + np.linalg.norm(upright[:, :2], axis=1).max() * np.array([[[1.0]], [[-1.0]]])
-    if (beyond := beyond_edge(farthest.reshape(-1, 3)))[0] <= 0:  # however it is turned
+    if (beyond := beyond_edge(farthest.reshape(-1, 3)))[0] <= 0:  # at any yaw
         return beyond
     turned = [upright @ planar(0.0, 0.0, turn)[:3, :3].T + at for turn in turns_rad for at in corners]
     return beyond_edge(np.concatenate(turned))
 
 
 def _footprint(task: "Task", name: str, pose: Matrix) -> NDArray[np.float64]:
-    """(K, 3) what has to lie over the table: all of a thing, the origin of a mark or of what is stacked."""
+    """(K, 3) points that must be over the table: all vertices, or the origin of a mark or stacked object."""
     stands = task.asset(name).hulls and not task.objects[name].z_m
     return task.asset(name).vertices(pose) if stands else pose[None, :3, 3]
 
 
 def _crowded(task: "Task", poses: Mapping[str, Matrix]) -> str | None:
-    """Which two objects that share the table are not apart, seen from above. A stack is one outline."""
+    """Two objects that are too close on the table, seen from above, in words. Leaves out stacked objects."""
     outlines = {
         name: MultiPoint(task.asset(name).vertices(pose)[:, :2]).convex_hull
         for name, pose in poses.items()
@@ -233,7 +233,7 @@ def _crowded(task: "Task", poses: Mapping[str, Matrix]) -> str | None:
 
 
 def _depth_m(a: BaseGeometry, b: BaseGeometry) -> float:
-    """How far one of two convex outlines that overlap has to move until they do not."""
+    """Penetration depth of two overlapping convex outlines: the shortest move that separates them."""
     corners = [np.array(each.exterior.coords) for each in (a, b) if isinstance(each, Polygon)]
     edges = np.concatenate([np.diff(each, axis=0) for each in corners])
     normals = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]

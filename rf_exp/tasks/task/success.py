@@ -1,4 +1,4 @@
-"""Whether an episode has succeeded, step by step, and the account of it while it runs."""
+"""Success evaluation of an episode, step by step, and the account of its failure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,23 +9,23 @@ from rf_exp.tasks.task.task import Task
 from rf_exp.types import CONTROL_DT_S, Condition, Measured, Scene, Verdict
 
 OFF_M = 0.05  # below the top of the table
-DROP_M = 0.05  # that a thing falls after it was let go; what is set down sinks by millimetres
+DROP_M = 0.05  # fall after release that counts as dropped; an object set down sinks by millimetres
 
 
 class SuccessEvaluator:
-    """Judges one episode, step by step: strict conditions must all hold for several steps."""
+    """Success evaluator of one episode: strict conditions must all hold for `hold_steps` steps in a row."""
 
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
         self._conditions, self._paper = task.module.conditions, getattr(task.module, "paper", None)
         self._reaches_m = [(robot.x_m, robot.y_m, robot.model.reach_m) for robot in task.robots]
         self._hold_steps = int(task.success["hold_steps"])
-        self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
+        self._let_go_m: dict[str, float] = {}  # object -> its height when last held
         places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
         self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
 
     def __call__(self, scene: Scene) -> Verdict:
-        scene = scene.true  # however its joints are measured
+        scene = scene.true  # without joint measurement errors
         conditions: Mapping[str, Condition] = self._conditions(scene, self._start, self._task)
         evidence = {name: bool(holds) for name, holds in conditions.items()}
         holds = all(evidence.values())
@@ -39,7 +39,7 @@ class SuccessEvaluator:
         )
 
     def _lost(self, scene: Scene) -> dict[str, str]:
-        """What no arm can get at any more, and what fell out of a hand."""
+        """Object -> how it was lost: off the table, out of reach of every arm, or dropped."""
         lost = {}
         for name in self._task.objects:
             x_m, y_m, height_m = scene.poses[name][:3, 3].tolist()
@@ -59,29 +59,29 @@ class SuccessEvaluator:
 
 @dataclass
 class _History:
-    """One condition so far."""
+    """Running record of one condition."""
 
     held: bool = False  # at any step
-    failing_since: int = 0  # step, while it does not hold
-    measured: Measured | None = None  # now
-    best: float | None = None  # of the values against the bound it has now
+    failing_since: int = 0  # step; valid while the condition does not hold
+    measured: Measured | None = None  # at the last step
+    best: float | None = None  # best value against the present bound
 
 
 class Ledger:
-    """Sees every step, and gives the account at the end."""
+    """Ledger of an episode: records every step and returns the account at the end."""
 
     def __init__(self) -> None:
         self._conditions: dict[str, _History] = {}
-        self._holding = self._longest = 0  # steps for which all conditions have held now, and ever
+        self._holding = self._longest = 0  # consecutive steps with all conditions met: now, at most
         self._verdict: Verdict | None = None
-        self._most, self._most_at = -1, 0  # conditions that ever held at once, first at which step
+        self._most, self._most_at = -1, 0  # most conditions met at once, and the first such step
         self._touched: dict[tuple[int, int], list[int]] = {}  # agents -> steps
-        self._clutter: dict[tuple[str, str], list[int]] = {}  # who, clutter -> steps
-        self._lost: dict[tuple[str, str], int] = {}  # object, how -> first step
+        self._clutter: dict[tuple[str, str], list[int]] = {}  # (agent or object, piece) -> steps
+        self._lost: dict[tuple[str, str], int] = {}  # (object, how) -> first step
         self.contacts = 0  # control steps in which arms touched each other
 
     def see(self, scene: Scene, verdict: Verdict) -> None:
-        """One control step: the scene after it and what the judge says of it."""
+        """Records one control step: the scene after it and its verdict."""
         self._verdict = verdict
         for name, holds in verdict.evidence.items():
             self._see(self._conditions.setdefault(name, _History()), holds, verdict.measured.get(name), scene)
@@ -100,12 +100,12 @@ class Ledger:
 
     @property
     def success(self) -> bool:
-        """Whether it has succeeded and no two arms have touched: strict success of a policy."""
+        """Whether the episode has succeeded without contact between arms: strict success of a policy."""
         return self._verdict is not None and self._verdict.success and not self.contacts
 
     @property
     def score(self) -> float:
-        """How far it has come, from 0 to 1; 1 is success, and 0 what it is before the first step."""
+        """Progress from 0 (before the first step) to 1 (success)."""
         return 1.0 if self.success else self._closest.score
 
     @property
@@ -128,7 +128,7 @@ class Ledger:
         history.best = measured.value if kept is None else better(measured.value, kept)
 
     def account(self, success: bool) -> Account:
-        """As it stands: of a success the touches alone, without a step that nothing was carried out."""
+        """The account so far: only contacts for a success; `closest` alone before the first step."""
         touches = tuple(Touch(pair, _s(at[0]), len(at)) for pair, at in sorted(self._touched.items()))
         clutter = tuple(
             ClutterContact(*pair, _s(at[0]), len(at)) for pair, at in sorted(self._clutter.items())

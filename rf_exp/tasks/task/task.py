@@ -1,14 +1,14 @@
-"""What a task is: its configuration as frozen values, its starts, and how success is judged.
+"""Task: its configuration as frozen values, the starts of its episodes, and its success criteria.
 
-A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.py` with
+A task is `conf/task/<name>.yaml` (robots, objects, cameras, thresholds) and `rf_exp/tasks/<name>.py` with
 
-    VERSION                       of its success criteria, stamped on every result row
-    PLAN_VERSION                  of its plan and places: of what it does for the demonstrations
+    VERSION                       version of the success criteria, stamped on every result row
+    PLAN_VERSION                  version of plan and places, which determine the demonstrations
     places(scene, task)           optional: named places on the table
-    plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
-    conditions(scene, start, task)  strict success as named conditions, all of which must hold; one that
-                                  is a `Measured` also says by how much
-    paper(scene, start, task)     the paper's criterion, where it knows the task; else the conditions once
+    plan(scene, task)             the scripted RoboBrain's Proposal for the present scene
+    conditions(scene, start, task)  strict success as named conditions, all of which must hold; a `Measured`
+                                  also holds value and bound
+    paper(scene, start, task)     optional: the paper's criterion; by default all conditions at one step
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,7 +33,7 @@ from rf_exp.tasks.task.variation import NONE, Variation, cluttered, moved
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Calibration, Scene
 
-APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
+APART_M = 0.2  # least distance of bases across the global view for names like `left`
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Task:
     randomisation: Randomisation
     step_limit: int = 600  # control steps of an attempt: twice the expert's mean (supplementary B)
     variation: Variation = NONE
-    clutter: Mapping[str, Clutter] = field(default_factory=dict)  # what stands about in one scene
-    code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
+    clutter: Mapping[str, Clutter] = field(default_factory=dict)  # clutter of one scene
+    code: str | None = None  # Python module of plan and success; by default rf_exp.tasks.<name>
 
     def __post_init__(self) -> None:
         if self.step_limit < 1:
@@ -71,7 +71,7 @@ class Task:
 
     @property
     def dof(self) -> int:
-        """Joints of the arm that has the most: rows of measured joints and of commands are for that one."""
+        """Largest number of joints of any arm: the width of rows of measured joints and of commands."""
         return max(robot.model.dof for robot in self.robots)
 
     @property
@@ -97,38 +97,38 @@ class Task:
 
     @cached_property
     def arms(self) -> Mapping[int, Arm]:
-        """Agent -> its arm, where that is bolted to the table."""
+        """Agent -> its arm, at its base pose."""
         return {k: Arm(robot.model, robot.world_from_base) for k, robot in enumerate(self.robots, start=1)}
 
     @cached_property
     def points(self) -> Mapping[str, Mapping[str, Matrix]]:
-        """Object -> interaction point -> its pose `object_from_tcp`. For criteria; assets say more."""
+        """Object -> interaction point -> `object_from_tcp`, for success criteria."""
         return {
             name: {label: point.object_from_tcp for label, point in self.asset(name).points.items()}
             for name in self.objects
         }
 
     def hung(self, name: str, poses: Mapping[str, Matrix], opened_rad: ArrayLike) -> NDArray[np.float64]:
-        """world_from_object (..., 4, 4) of a hinged thing open so far (...), its bearer as in `poses`."""
+        """world_from_object (..., 4, 4) of a hinged object at angles (...), its bearer as in `poses`."""
         return self._shut(name, poses) @ self._hinge(name).turned(opened_rad)
 
     def opened_rad(self, name: str, poses: Mapping[str, Matrix]) -> NDArray[np.float64]:
-        """(...) how far a hinged thing is open, which `poses` has at (..., 4, 4)."""
+        """Opening angles (...) of a hinged object whose poses in `poses` are (..., 4, 4)."""
         return self._hinge(name).opened_rad(inverse(self._shut(name, poses)) @ poses[name])
 
     def _hinge(self, name: str) -> assets.Hinge:
         hinge = self.asset(name).hinge
-        assert hinge is not None  # who asks knows that it is hinged
+        assert hinge is not None  # only called for hinged objects
         return hinge
 
     def _shut(self, name: str, poses: Mapping[str, Matrix]) -> Matrix:
-        """world_from_object of a hinged thing that is shut."""
+        """world_from_object of a hinged object when closed."""
         spec = self.objects[name]
         return poses[spec.relative_to or ""] @ spec.nominal
 
     @cached_property
     def vocabulary(self) -> Vocabulary:
-        """What sentences about it may speak of."""
+        """Names that sentences about this task may use: agents, sides, objects and points."""
         points = {
             name: {label: point.kind for label, point in self.asset(name).points.items()}
             for name in self.objects
@@ -137,7 +137,7 @@ class Task:
 
     @property
     def _sides(self) -> dict[str, int]:
-        """Which agent is called the left one, and so on: as the global camera sees their bases."""
+        """Side (left, middle, right) -> agent, as seen by the global camera; empty where ambiguous."""
         named = {2: ("left", "right"), 3: ("left", "middle", "right")}.get(len(self.robots))
         camera = self.cameras["global"]
         if named is None or camera.mount != "world":
@@ -151,14 +151,14 @@ class Task:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What decides its scenes, what is seen of them and when they count as solved.
+        """Identity: all that determines the task's scenes, their pictures and success.
 
-        Assets by their content, code by its versions. Titles and descriptions decide nothing.
+        Assets enter by their content, code by its versions. Titles and descriptions are left out.
         """
         objects: dict[str, dict[str, Any]] = {}
         for name, spec in self.objects.items():
-            objects[name] = without(asdict(spec), open_deg=0.0)  # what most have is not told
-            del objects[name]["options"], objects[name]["size"]  # the content tells them
+            objects[name] = without(asdict(spec), open_deg=0.0)  # the default is left out
+            del objects[name]["options"], objects[name]["size"]  # part of the content
             objects[name]["asset"] = f"{self.asset(name).name} {self.asset(name).content}"
         said = {
             "robots": tuple(robot.identity for robot in self.robots),
@@ -166,7 +166,7 @@ class Task:
             "success": dict(self.success),
             "randomisation": asdict(self.randomisation),
             "objects": objects,
-            "order": list(objects),  # in which they are drawn
+            "order": list(objects),  # order of their draws
             "criteria": self.version,
             "plan": self.plan_version,
             "variation": self.variation.identity,
@@ -174,16 +174,16 @@ class Task:
         return without(said, variation={})
 
     def parent_from_camera(self, name: str) -> Matrix:
-        """(4, 4) of a camera in the world, or in the frame of the hand that it is mounted on; OpenCV axes."""
+        """(4, 4) pose of a camera in the world or, for a wrist camera, in the hand frame; OpenCV axes."""
         camera = self.cameras[name]
         if camera.mount == "world":
             return camera.world_from_camera
         return self.robots[int(name.removeprefix("agent")) - 1].model.hand.from_camera
 
     def calibration(self, cameras: Sequence[str], size_px: tuple[int, int]) -> Calibration:
-        """Where the arms stand, and these cameras, of pictures of this width and height.
+        """Calibration of the arms and of these cameras, for pictures of (width, height).
 
-        Raises ArgumentError for a camera that moves with a hand.
+        Raises ArgumentError for a wrist camera.
         """
         if riding := [name for name in cameras if self.cameras[name].mount != "world"]:
             raise ArgumentError(f"camera {riding[0]!r} moves with a hand: it has no place of its own")
@@ -192,39 +192,39 @@ class Task:
         return Calibration(tuple(robot.world_from_base for robot in self.robots), models)
 
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
-        """Named places of this task: world_from_object (4, 4) of what is put there."""
+        """Named places: world_from_object (4, 4) of an object put there."""
         named = getattr(self.module, "places", None)
         return named(scene, self) if named else {}
 
     def of(self, seed: int, copy: int = 0) -> "Task":
-        """The task as it stands in the scene of a seed, and in a copy of it: itself, unless it varies."""
+        """The task in the scene of a seed and copy, its variation applied; itself where nothing varies."""
         if (seed, copy) not in self._scenes:
             stands = moved(self, seed, copy)
             if self.variation.clutter[1]:
                 stands = cluttered(stands, start_of(stands, seed).scene, seed)
-            self._scenes.clear()  # one episode asks for one scene, several times
+            self._scenes.clear()  # an episode needs one scene, several times
             self._scenes[seed, copy] = stands
         return self._scenes[seed, copy]
 
     @cached_property
     def _scenes(self) -> "dict[tuple[int, int], Task]":
-        """The scene that was asked for last."""
+        """Cache of `of`: the last scene."""
         return {}
 
     def start(self, seed: int, copy: int = 0) -> Start:
-        """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""
+        """The start of the episode of a seed. Raises ArgumentError as `start_of`."""
         return start_of(self.of(seed, copy), seed, copy)
 
 
 def labels(task: Task) -> tuple[str, ...]:
-    """What the numbers of a segmentation mean: 0 nothing, 1 table, room and clutter, objects, agents."""
+    """Names of segmentation labels: 0 nothing, 1 table, floor, walls and clutter, then objects, agents."""
     return ("nothing", "table", *task.objects, *(f"agent{agent}" for agent in task.agents))
 
 
 def labelled(
     task: Task, images: Mapping[str, NDArray[np.int32]], bodies: Mapping[str, Iterable[int]]
 ) -> dict[str, NDArray[np.uint8]]:
-    """Camera -> (H, W) index of `labels`, from pictures of a simulator's own numbers and whose these are."""
+    """Camera -> (H, W) index into `labels`, from a simulator's segmentation and the ids of each body."""
     number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
     for label, name in enumerate(labels(task)):
         number[list(bodies.get(name, ()))] = label

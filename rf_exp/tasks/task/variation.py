@@ -1,11 +1,11 @@
-"""Variation: what differs from scene to scene beyond where things start; its ranges, and what a seed draws.
+"""Variation: differences between scenes beyond the starts of objects. Ranges of factors, and draws of a seed.
 
-Every factor has a stream of random numbers of its own: alone it draws what it draws beside all others. Bases,
-cameras, the height of the table, sizes of objects and clutter give the scene of a seed a task of its own
-(`Task.of`), so that planner, checks, simulator and criteria see what is there, and where. Where clutter finds
-a place is all that depends on other factors. Postures, sensors and actuators belong to the
-start of an episode (`Start`). The factors and their ranges are those of RoboTwin 2.0 (arXiv 2506.18088),
-THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626), and some for several arms.
+Every factor has its own stream of random numbers: it draws the same alone as together with others. Bases,
+cameras, table height, object sizes and clutter give the scene of a seed its own task (`Task.of`), so that
+planner, checks, simulator and criteria all use the actual scene. Only the places of clutter depend on other
+factors. Postures, sensors and actuators belong to the start of an episode (`Start`). Factors and ranges are
+those of RoboTwin 2.0 (arXiv 2506.18088), THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626),
+and some for several arms.
 """
 
 from collections.abc import Mapping
@@ -41,73 +41,63 @@ if TYPE_CHECKING:
 
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
 FACTORS += ("instances", "clutter", "one_arm")
-SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
-MOVES = ("table", "bases", "cameras", "instances")  # factors that `Task.of` applies
-Textures = Literal["plain", "seen", "unseen"]
+SHOWN = ("cameras", "sensors", "appearance", "light")  # visual factors: they change pictures only
+MOVES = ("table", "bases", "cameras", "instances")  # factors that `moved` applies
+Textures = Literal["plain", "seen", "unseen"]  # unchanged, or from one of two sets
 Known = Literal["known", "unknown"]
-TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
-TEXTURED = 0.75  # of the surfaces that differ have a texture
-FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
+TILES_M = 0.6, 1.0, 1.0  # sides of a texture's tile on table, floor and walls
+TEXTURED = 0.75  # fraction of varied surfaces with a texture
+FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp beyond the usual ones
 MOST_CLUTTER = 10
-FINGER_ROOM_M = 0.006  # that a finger has beside what it closes on
-HAND_ROOM_M = 0.008  # that is left between a thing and a hand at rest over it
-TIP_M = 0.011  # of fingers, beyond the TCP
+FINGER_ROOM_M = 0.006  # clearance of an open finger from the object it closes on
+HAND_ROOM_M = 0.008  # clearance between an object and a gripper at rest above it
+TIP_M = 0.011  # length of the fingertips beyond the TCP
 
 
 def key(factor: str, default: Any, **bounds: tuple[float, float]) -> Any:
-    """The field of a key of a factor; its value, or both ends of its range, is `within` these bounds."""
+    """Dataclass field for a key of a factor; its value, or both ends of a range, must lie `within` bounds."""
     return field(default=default, metadata={"factor": factor, **bounds})
 
 
 def bounded(factor: str, most: float) -> Any:
-    """The field of a number from 0, which it is unless given, to this."""
+    """Dataclass field for a number from 0, the default, to `most`."""
     return key(factor, 0.0, within=(0, most))
 
 
 @dataclass(frozen=True)
 class Variation:
-    """Ranges of the factors. A single number is a half range, drawn uniformly about what a task says.
+    """Ranges of the factors. A single number is the half range of a uniform draw about the task's value.
 
-    Raises ArgumentError for a range that is not possible.
+    Raises ArgumentError for a range out of bounds.
     """
 
-    name: str = UNVARIED  # of the choice, as it stands in rows and names of files
-    # Of table, floor and walls: as they are, or of one of two sets.
-    textures: Textures = field(default="plain", metadata={"factor": "appearance"})
-    object_colour: float = bounded("appearance", 1)  # of relative brightness in each primary colour
-    lamps: tuple[int, int] = key("light", (2, 2), within=(0, MOST_LAMPS))  # how many
-    light_intensity: float = bounded("light", 3)  # of the binary logarithm of how bright all lamps are
-    # Relative brightness of each lamp in each primary colour.
-    light_colour: tuple[float, float] = key("light", (1.0, 1.0), within=(0.0, 4.0))
-    light_direction_deg: float = bounded("light", 90)  # the largest turn of each lamp
-    # Of the table's top, against the bases of the arms.
-    table_height_m: tuple[float, float] = key("table", (0.0, 0.0), within=(-0.1, 0.1))
+    name: str = UNVARIED  # of the choice, as in rows and file names
+    textures: Textures = field(default="plain", metadata={"factor": "appearance"})  # table, floor, walls
+    object_colour: float = bounded("appearance", 1)  # relative brightness per channel of an object
+    lamps: tuple[int, int] = key("light", (2, 2), within=(0, MOST_LAMPS))  # number of lamps
+    light_intensity: float = bounded("light", 3)  # log2 of the relative brightness of all lights
+    light_colour: tuple[float, float] = key("light", (1.0, 1.0), within=(0.0, 4.0))  # gain per channel
+    light_direction_deg: float = bounded("light", 90)  # largest rotation of a lamp
+    table_height_m: tuple[float, float] = key("table", (0.0, 0.0), within=(-0.1, 0.1))  # above bases
     base_position_m: float = bounded("bases", 0.2)  # of each base, along x and y
     base_yaw_deg: float = bounded("bases", 45)
     posture_rad: float = bounded("posture", 0.5)  # of each joint at the start, beside `init_qpos_std_rad`
     camera_position_m: float = bounded("cameras", 0.5)  # along each axis
-    # How far each camera is turned, about an axis that may be any.
-    camera_direction_deg: tuple[float, float] = key("cameras", (0.0, 0.0), within=(0.0, 45.0))
+    camera_direction_deg: tuple[float, float] = key("cameras", (0.0, 0.0), within=(0.0, 45.0))  # random axis
     camera_fov_deg: float = bounded("cameras", 20)
-    calibration: Known = "known"  # whether policies are told where arms and cameras stand; else: as usual
-    exposure: float = bounded("sensors", 2)  # of the logarithm, to the base 2, of a camera's exposure
-    flicker: float = bounded("sensors", 1)  # part of the frames that is lit otherwise
+    calibration: Known = "known"  # unknown: policies get the nominal poses of arms and cameras
+    exposure: float = bounded("sensors", 2)  # log2 of the relative exposure of cameras
+    flicker: float = bounded("sensors", 1)  # fraction of frames with a changed exposure
     pixel_noise: float = bounded("sensors", 100)  # standard deviation, of 255
-    delay_s: tuple[float, float] = key("actuators", (0.0, 0.0), within=(0.0, 1.0))  # of commands
-    joint_offset_deg: float = bounded("actuators", 10)  # of what each joint measures
-    # Of each object, against its usual one.
-    object_size: tuple[float, float] = key("instances", (1.0, 1.0), within=(SMALLEST, LARGEST))
-    # How many things stand about that the task is not about.
-    clutter: tuple[int, int] = key("clutter", (0, 0), within=(0, MOST_CLUTTER))
-    # Of their shapes and colours.
-    clutter_set: TextureSet = field(default="seen", metadata={"factor": "clutter"})
-    # Along x and y, from the middle of where objects start.
-    clutter_area_m: tuple[float, float] = key("clutter", (0.6, 0.8))
-    # Of one arm, drawn: by how much its commands are late, above which speed no joint of it follows (0: there
-    # is none), and whether its camera shows nothing.
-    arm_delay_s: float = bounded("one_arm", 5.0)
-    arm_speed_rad_s: float = bounded("one_arm", 10.0)
-    camera_dark: bool = key("one_arm", False)
+    delay_s: tuple[float, float] = key("actuators", (0.0, 0.0), within=(0.0, 1.0))  # latency
+    joint_offset_deg: float = bounded("actuators", 10)  # error of each measured joint
+    object_size: tuple[float, float] = key("instances", (1.0, 1.0), within=(SMALLEST, LARGEST))  # scale
+    clutter: tuple[int, int] = key("clutter", (0, 0), within=(0, MOST_CLUTTER))  # number of pieces
+    clutter_set: TextureSet = field(default="seen", metadata={"factor": "clutter"})  # shapes, colours
+    clutter_area_m: tuple[float, float] = key("clutter", (0.6, 0.8))  # half extents x, y, about the starts
+    arm_delay_s: float = bounded("one_arm", 5.0)  # latency of the commands of one random arm
+    arm_speed_rad_s: float = bounded("one_arm", 10.0)  # joint speed limit of that arm; 0: none
+    camera_dark: bool = key("one_arm", False)  # whether the camera of that arm is black
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -131,12 +121,12 @@ class Variation:
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Those that vary."""
+        """Factors that vary."""
         return tuple(factor for factor in FACTORS if {*self.identity} & {*keys_of(factor)})
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What decides scenes: the factors that vary. Empty where none does."""
+        """Keys that differ from their defaults, which determine scenes; empty where nothing varies."""
         return {
             each.name: value
             for each in fields(self)
@@ -145,55 +135,55 @@ class Variation:
 
     @property
     def held_out(self) -> "Variation":
-        """The same for evaluation: with textures, and shapes of clutter, that demonstrations do not show."""
+        """The variation for evaluation: with textures and clutter that demonstrations do not show."""
         found = replace(self, textures="unseen") if self.textures == "seen" else self
         return replace(found, clutter_set="unseen") if self.clutter[1] else found
 
     @property
     def seen(self) -> bool:
-        """Whether it has a factor that pictures alone show."""
+        """Whether a visual factor varies."""
         return bool({*self.factors} & {*SHOWN})
 
 
 def keys_of(*factors: str) -> tuple[str, ...]:
-    """The keys of these factors."""
+    """Keys of these factors."""
     return tuple(each.name for each in fields(Variation) if each.metadata.get("factor") in factors)
 
 
 NONE = Variation()
-PHYSICAL = keys_of(*(factor for factor in FACTORS if factor not in SHOWN))  # they decide more than pictures
+PHYSICAL = keys_of(*(factor for factor in FACTORS if factor not in SHOWN))  # keys of all other factors
 MOVING = keys_of(*MOVES)
 
 
 @dataclass(frozen=True)
 class Impaired:
-    """One agent that cannot do what the others can."""
+    """Impairment of one agent."""
 
     agent: int
-    delay_steps: int  # control steps by which its commands are late
-    speed_rad_s: float  # above which no joint of it follows; 0: there is none
-    dark: bool  # whether its camera shows nothing
+    delay_steps: int  # latency of its commands, control steps
+    speed_rad_s: float  # limit of its joint speeds; 0: none
+    dark: bool  # whether its camera is black
 
 
 @dataclass(frozen=True)
 class Devices:
-    """What sensors and actuators add in one episode."""
+    """Errors of sensors and actuators in one episode."""
 
-    gain: float = 1.0  # of exposure
-    flicker: float = 0.0  # part of the frames whose exposure differs once more
+    gain: float = 1.0  # relative exposure
+    flicker: float = 0.0  # fraction of frames with a further change of exposure
     pixel_noise: float = 0.0  # standard deviation, of 255
-    delay_steps: int = 0  # control steps by which commands are late
+    delay_steps: int = 0  # latency of commands, control steps
     joint_offset_rad: tuple[tuple[float, ...], ...] = ()  # (N, dof) measured minus true; empty: none
     impaired: Impaired | None = None
 
     @property
     def exact(self) -> bool:
-        """Whether they add nothing."""
+        """Whether there are no errors."""
         return self == EXACT
 
     @property
     def sees_exactly(self) -> bool:
-        """Whether pictures are as they were drawn."""
+        """Whether pictures stay as rendered."""
         dark = self.impaired is not None and self.impaired.dark
         return self.gain == 1 and not self.flicker and not self.pixel_noise and not dark
 
@@ -203,27 +193,27 @@ EXACT = Devices()
 
 @dataclass(frozen=True)
 class Drawn:
-    """What a seed draws of a variation."""
+    """All draws of a seed for a variation."""
 
     table_height_m: float
     bases: tuple[tuple[float, float, float], ...]  # x (m), y (m), yaw (deg) of each arm
-    posture_rad: NDArray[np.float64]  # (N, D)
+    posture_rad: NDArray[np.float64]  # (N, dof) added to the joints at the start
     cameras: Mapping[str, CameraMotion]
     devices: Devices
     tints: Mapping[str, tuple[float, ...]]  # object -> (3,) relative brightness of red, green, blue
     look: Look
     light: Light
-    sizes: Mapping[str, float]  # object -> against its usual one
-    clutter: tuple[Clutter, ...]  # before they have a place
+    sizes: Mapping[str, float]  # object -> scale
+    clutter: tuple[Clutter, ...]  # not yet placed
 
     def plain(self) -> dict[str, Any]:
-        """What differs from the task, as values of JSON."""
+        """JSON values, without clutter, sizes and impairment where these do not vary."""
         found = without(plain(asdict(self)), clutter=[], sizes=dict.fromkeys(self.sizes, 1.0))
         return {**found, "devices": without(found["devices"], impaired=None)}
 
 
 def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
-    """What the scene of a seed draws: a pure function of task, seed and copy, which pictures alone show."""
+    """All draws of a seed: a pure function of task, seed and `copy`, which changes visual factors only."""
     how = task.variation
     rng = {
         name: np.random.default_rng([seed, VARIATION, k, *([copy] if copy and name in SHOWN else [])])
@@ -255,7 +245,7 @@ def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
 
 
 def _appearance(task: "Task", rng: np.random.Generator) -> tuple[Mapping[str, tuple[float, ...]], Look]:
-    """The tints of things, then what covers table, floor and walls."""
+    """Tints of objects, and finishes of table, floor and walls."""
     how = task.variation
     tints = {name: tuple((1.0 + how.object_colour * rng.uniform(-1, 1, 3)).tolist()) for name in task.objects}
     if how.textures == "plain":
@@ -264,7 +254,7 @@ def _appearance(task: "Task", rng: np.random.Generator) -> tuple[Mapping[str, tu
 
 
 def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
-    """A texture three times out of four, else a colour."""
+    """A texture with probability TEXTURED, else a plain colour."""
     kind: TextureKind = rng.choice(get_args(TextureKind)).item()
     texture = Texture(kind, of, int(rng.integers(2**31)), tile_m * float(rng.uniform(0.7, 1.4)))
     red, green, blue = rng.uniform(0.05, 0.8, 3).tolist()
@@ -275,10 +265,10 @@ def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
 
 
 def sizes_of(task: "Task", between: tuple[float, float], rng: np.random.Generator) -> dict[str, float]:
-    """Object -> its size, drawn between two.
+    """Object -> its scale, drawn uniformly from the range `between`.
 
-    What stands on another one is of one size with it, and a mark on the table has its usual one. None is so
-    large that a hand does not open wide enough for it, or meets it where it rests.
+    An object that stands on another has the scale of that one; a mark on the table has scale 1. Scales above
+    1 are limited so that grippers open wide enough and, at rest, do not touch the object.
     """
     drawn = {name: float(rng.uniform(*between)) for name in task.objects}
     if between == (1.0, 1.0):
@@ -296,7 +286,7 @@ def sizes_of(task: "Task", between: tuple[float, float], rng: np.random.Generato
 
 
 def _largest(task: "Task", name: str) -> float:
-    """The size of an object at which hands just open wide enough, and just rest clear of it."""
+    """The largest scale of an object for which grippers open wide enough and rest clear of it."""
     asset, spec = task.asset(name), task.objects[name]
     if not asset.hulls:
         return np.inf
@@ -324,11 +314,11 @@ def _impaired(task: "Task", rng: np.random.Generator) -> Impaired | None:
 
 
 def _light(how: Variation, rng: np.random.Generator) -> Light:
-    """The usual lamps first, in other directions and colours; further ones come from above."""
+    """The usual lamps first, in changed directions and colours; further ones shine from above."""
     bright = 2.0 ** (how.light_intensity * rng.uniform(-1, 1))
     count = int(rng.integers(how.lamps[0], how.lamps[1] + 1))
     usual, lamps = Light(), []
-    for number in range(MOST_LAMPS):  # as many are drawn, whatever their number is
+    for number in range(MOST_LAMPS):  # draws for all, so that their number changes no other draw
         axis, angle, colour = rng.normal(size=3), rng.uniform(), rng.uniform(*how.light_colour, 3)
         above = *rng.uniform(-1, 1, 2), -1.0
         lamp = usual.lamps[number] if number < len(usual.lamps) else Lamp(above, FURTHER)
@@ -341,7 +331,7 @@ def _light(how: Variation, rng: np.random.Generator) -> Light:
 
 
 def _camera(how: Variation, rng: np.random.Generator, table_m: float) -> CameraMotion:
-    """Drawn alike whatever of it varies, so that one factor alone moves a camera as it does beside others."""
+    """The motion of one camera. Draws for all keys, so that one alone acts as it does beside others."""
     shift, axis, angle, fov = rng.uniform(-1, 1, 3), rng.normal(size=3), rng.uniform(), rng.uniform(-1, 1)
     least_deg, most_deg = how.camera_direction_deg
     turn = (least_deg + (most_deg - least_deg) * angle) * axis / np.linalg.norm(axis)
@@ -350,9 +340,9 @@ def _camera(how: Variation, rng: np.random.Generator, table_m: float) -> CameraM
 
 
 def moved(task: "Task", seed: int, copy: int) -> "Task":
-    """The task of a scene: its arms and cameras where the seed has drawn them, its table as high.
+    """The task of a scene: bases, cameras, object sizes and table height as the seed draws them.
 
-    The table is where it always is, at z = 0: with a higher one all else stands lower.
+    The table stays at z = 0: a higher table lowers arms and cameras instead.
     """
     if not {*task.variation.factors} & {*MOVES}:
         return task
@@ -371,16 +361,16 @@ def moved(task: "Task", seed: int, copy: int) -> "Task":
 
 
 def cluttered(task: "Task", scene: Scene, seed: int) -> "Task":
-    """The task of a scene, whose start is `scene`, with its clutter."""
+    """The task of a scene with its clutter; `scene` is its start."""
     pieces, stream = draw(task, seed).clutter, [seed, VARIATION, FACTORS.index("clutter")]
     found = placed(task, task.places(scene), pieces, stream)
     return replace(task, clutter=found, variation=replace(task.variation, clutter=NONE.clutter))
 
 
 def drawn_of(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
-    """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies.
+    """Draws of a seed as JSON values; empty where nothing varies.
 
-    Of clutter what has found a place, and how many pieces have found none.
+    Clutter: the placed pieces, and the number of pieces that found no place.
     """
     if not task.variation.identity:
         return {}
@@ -394,7 +384,7 @@ def drawn_of(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
 
 
 def scene_certificate(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
-    """What an episode says of its scene where that varies: what was drawn, and where arms and cameras are."""
+    """Certificate of an episode's scene: draws, poses of arms and cameras; empty where nothing varies."""
     if not task.variation.identity:
         return {}
     stands = task.of(seed, copy)

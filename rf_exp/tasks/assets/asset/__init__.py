@@ -1,1 +1,1 @@
-"""What an asset is: its parts and annotated points, and how it comes of a mesh and its annotation."""
+"""The asset class: parts and annotated points; assets from annotated meshes."""

@@ -1,11 +1,11 @@
-"""An asset of the authors' release in the place of one of ours: its mesh, and where its annotation acts.
+"""Assets of the authors' release in place of built-in ones: their meshes and annotated points.
 
     objects/<name>/*.obj, *.glb, *.urdf
     objects/<name>/model_data.json  scale (3); contact_points_pose, functional_matrix, target_pose: 4x4 each
 
-A translation of these counts in units of the mesh. The hand comes along the x axis of `pose @ HAND`, fingers
-close along y. What an asset weighs and how it grips are in none of its files: both are as ours.
-`released.yaml` says which files stand for which of ours.
+Translations of these poses are in units of the mesh. The gripper approaches along the x axis of `pose @ HAND`
+and closes along y. Mass and friction are in none of the files: both are those of the built-in asset.
+`released.yaml` maps built-in assets to files.
 """
 
 import json
@@ -29,20 +29,20 @@ from rf_exp.tasks.assets.asset.released import MOVING, released
 from rf_exp.texts import printable
 from rf_exp.transforms import Matrix, apply, from_axes, inverse, transform
 
-OBJECTS = "objects"  # below the release's folder of assets
-HAND = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # as the release turns its poses
+OBJECTS = "objects"  # below the release's folder `assets`
+HAND = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # by which poses are turned
 WIDEST_M = 0.08  # between open fingers
-SIZES = (0.5, 2.0)  # of the longest side, against ours
-MOST_SHELLS = 256  # that are cut into pieces one by one
-PAD_M = 0.009  # half of the width of a finger's pad
+SIZES = (0.5, 2.0)  # bounds of the longest side's ratio to that of the built-in asset
+MOST_SHELLS = 256  # most shells that are decomposed one by one
+PAD_M = 0.009  # half the width of a finger pad
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What the files hold, m, in the frame of the actor, and what some of it turns about."""
+    """Meshes of a release asset in m, in the actor's frame, and the axis of its hinge."""
 
     bodies: tuple[trimesh.Trimesh, ...]
-    colours: tuple[NDArray[np.float64], ...]  # (F, 3) of each
+    colours: tuple[NDArray[np.float64], ...]  # (F, 3) per body
     axis: links.Axis | None
 
     @property
@@ -51,9 +51,9 @@ class Shape:
 
 
 def build(folder: str, like: str, **options: Any) -> Asset:
-    """What plays the part of one of our assets, which has options, with the files below a folder.
+    """The release's counterpart of the built-in asset `like` with `options`, from the files below a folder.
 
-    Raises ArgumentError for files that are missing or not as the release's, and for another size than ours.
+    Raises ArgumentError for files that are missing or not as in the release, and for a size out of bounds.
     """
     ours, source = assets.load(like, options), released()[like]
     notes = Path(folder) / OBJECTS / source.annotation
@@ -87,7 +87,7 @@ def build(folder: str, like: str, **options: Any) -> Asset:
 
 
 def read_annotation(path: Path) -> Mapping[str, Any]:
-    """What is known of an asset beside its mesh. Raises ArgumentError."""
+    """The annotation of a release asset, `scale` as an array (3,). Raises ArgumentError."""
     try:
         said: Any = json.loads(path.read_text("utf-8"))
     except FileNotFoundError as error:
@@ -124,7 +124,7 @@ def shape_of(folder: str, like: str) -> Shape:
 
 
 def _turned(shape: Shape, ours: Asset) -> Matrix:
-    """A turn on the table, by which the axis of the hinge lies as that of ours does."""
+    """Rotation about z that aligns the hinge axis with that of the built-in asset."""
     if shape.axis is None or ours.hinge is None:
         return np.eye(4)
     (ax, ay), (bx, by) = shape.axis.direction[:2], ours.hinge.object_from_hinge[:2, 1]
@@ -132,10 +132,10 @@ def _turned(shape: Shape, ours: Asset) -> Matrix:
 
 
 def _solids(bodies: Sequence[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
-    """Convex pieces of what is seen. The release takes the convex hull of some, into which no hand fits."""
+    """Convex pieces of the visual meshes. The release has convex hulls for some, which no gripper enters."""
     solids = []
     for body in bodies:
-        # Corners that a file keeps apart for its shading are one corner of the body.
+        # Merge vertices that the file duplicates for shading.
         welded = trimesh.Trimesh(body.vertices, body.faces, process=True)
         shells = welded.split(only_watertight=False, repair=False)
         closed = 0 < len(shells) <= MOST_SHELLS and all(shell.is_watertight for shell in shells)
@@ -156,7 +156,7 @@ def _check_size(path: Path, scale: NDArray[np.float64], made: Asset, ours: Asset
 def _annotated(
     path: Path, said: Mapping[str, Any], where: Sequence[Any] | None, kind: str, asset_from_actor: Matrix
 ) -> Matrix | None:
-    """object_from_tcp of a point that the annotation has; None where nothing says that it should."""
+    """object_from_tcp of an annotated point; None for a point without an entry in released.yaml."""
     if where is None:
         return None
     key, number = where
@@ -175,7 +175,7 @@ def _annotated(
 
 
 def _instead(point: InteractionPoint, pose: Matrix | None, made: Asset, ours: Asset) -> InteractionPoint:
-    """A point of ours where the annotation has it, or else at the same place of the thing's bounds."""
+    """A built-in point at its annotated pose, or else at the same relative place in the bounds."""
     if pose is not None:
         return replace(point, object_from_tcp=pose, around=1)
     (low, high), (own_low, own_high) = made.bounds_m, ours.bounds_m
@@ -185,7 +185,7 @@ def _instead(point: InteractionPoint, pose: Matrix | None, made: Asset, ours: As
 
 
 def _as_wide(path: Path, name: str, point: InteractionPoint, made: Asset) -> InteractionPoint:
-    """A grasp with the width between its fingers, of what the thing has there."""
+    """A grasp point with the width of the object between the fingers; other points are unchanged."""
     if point.kind != "grasp":
         return point
     tcp_from_object = inverse(point.object_from_tcp)
@@ -204,7 +204,7 @@ def _as_wide(path: Path, name: str, point: InteractionPoint, made: Asset) -> Int
 
 
 def _crossed(hull: trimesh.Trimesh, tcp_from_object: Matrix, x: float, z: float) -> list[float] | None:
-    """From where to where a line along the y axis of the hand is within a convex hull."""
+    """[begin, end] in y of a line along the TCP's y axis within a convex hull; None where it misses."""
     normals = hull.face_normals @ tcp_from_object[:3, :3].T
     corners = apply(tcp_from_object, hull.triangles[:, 0])
     left = np.einsum("fk,fk->f", normals, corners - [x, 0.0, z])
@@ -221,7 +221,7 @@ def _keys(said: Mapping[str, Any]) -> str:
 
 
 def _array(value: object) -> NDArray[np.float64]:
-    """Numbers; of nothing where it is something else."""
+    """A finite array of numbers; empty for any other value."""
     try:
         found = np.array(value, float)
     except (TypeError, ValueError):

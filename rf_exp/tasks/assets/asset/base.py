@@ -1,7 +1,7 @@
-"""What an asset is: convex parts, mass, friction, and where and how to interact with it.
+"""Asset: a rigid body of convex parts with mass, friction and annotated interaction points.
 
-The annotation of interaction positions and directions follows the paper, section 3.2: each point
-says where the gripper goes and from which direction it comes.
+The annotation of interaction positions and directions follows the paper, section 3.2: each point holds the
+pose of the gripper and the direction of its approach.
 """
 
 from collections.abc import Mapping
@@ -17,13 +17,13 @@ from rf_exp.errors import ArgumentError
 from rf_exp.transforms import Matrix, apply, equal_turns, from_axes, inverse
 
 if TYPE_CHECKING:
-    import trimesh  # slow to import: where a part is made, after the command line is understood
+    import trimesh  # slow to import, so only where parts are created, after the command line is parsed
 
 Colour = tuple[float, float, float]  # linear RGB in [0, 1]
 
-CONVEX = 1.01  # a shell whose convex hull is at most so many times as large counts as convex
-CORNERS = 200  # of a convex piece; PhysX takes 255
-# coacd: half of its usual accuracy, in a fifth of the time
+CONVEX = 1.01  # a shell counts as convex up to this ratio of its convex hull's volume to its own
+CORNERS = 200  # most vertices of a convex piece; the limit of PhysX is 255
+# coacd: half its default accuracy, in a fifth of the time
 SEARCH = {"threshold": 0.05, "resolution": 1000, "mcts_iterations": 20, "mcts_nodes": 10, "mcts_max_depth": 2}
 
 
@@ -34,7 +34,7 @@ class Part:
     mesh: "trimesh.Trimesh"  # convex, metres, already placed in the asset's frame
     colour: Colour
     solid: bool = True  # takes part in collisions
-    seen: bool = True  # takes part in pictures
+    seen: bool = True  # is rendered
     roughness: float = 0.6
     metallic: float = 0.0
 
@@ -50,7 +50,7 @@ class Part:
     def cylinder(
         radius_m: float, height_m: float, object_from_part: Matrix, colour: Colour, **keywords
     ) -> "Part":
-        """A cylinder about the z axis of its pose, centred on it."""
+        """A cylinder about the z axis of its pose, centred there."""
         import trimesh
 
         mesh = trimesh.creation.cylinder(radius_m, height_m, sections=24, transform=object_from_part)
@@ -73,35 +73,35 @@ class Part:
 
 @dataclass(frozen=True)
 class InteractionPoint:
-    """Where and from which direction the gripper, or another thing, meets the asset.
+    """Interaction point: pose at which the gripper, or another object, meets the asset, by kind.
 
     grasp, press, shut: `object_from_tcp` is the pose of the tool centre point at contact. Its z axis is the
-    direction the gripper comes along, its y axis the one the fingers close along.
-    place, drop: the pose that the frame of what is placed takes, z up; on it, or let go above it.
-    tool: the part of a held thing that does the work, its z axis pointing where it works.
+    approach direction, its y axis the direction in which the fingers close.
+    place, drop: the pose of the frame of the placed object, z up; set down there or released above it.
+    tool: the working part of a held object, its z axis along the working direction.
     """
 
     object_from_tcp: Matrix
     kind: str  # grasp | press | shut | place | drop | tool
-    standoff_m: float = 0.08  # where a straight approach begins
+    standoff_m: float = 0.08  # distance at which a straight approach begins
     width_m: float = 0.04  # between the fingers when closed on it (grasp)
-    turns: int = 2  # so many equal turns about z serve as well: two fingers 2, a square 4
-    around: int = 1  # so many equal turns of the hand about the asset's own z axis as well (grasp, press)
-    tip_deg: float = 0.0  # the gripper may be tipped so far about the axis it closes along (grasp)
-    slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place, drop)
+    turns: int = 2  # rotational symmetry about z: 2 for two fingers, 4 for a square
+    around: int = 1  # rotational symmetry about the asset's z axis (grasp, press, shut)
+    tip_deg: float = 0.0  # allowed tilt of the gripper about its closing axis (grasp)
+    slack_m: float = 0.0  # allowed horizontal offset of the placed object (place, drop)
 
     @staticmethod
     def from_above(position_m, kind: str = "grasp", **keywords) -> "InteractionPoint":
-        """Straight from above at a position (3,), the fingers closing along y."""
+        """A point approached straight from above at a position (3,); the fingers close along y."""
         return InteractionPoint(from_axes(position_m, z=(0, 0, -1), y=(0, 1, 0)), kind, **keywords)
 
     @property
     def alike(self) -> tuple[Matrix, ...]:
-        """`object_from_tcp` itself, and where equal turns about the asset's z axis bring it."""
+        """The equivalent poses `object_from_tcp`, by the symmetry `around` the asset's z axis."""
         return tuple(turn @ self.object_from_tcp for turn in equal_turns(self.around))
 
     def scaled(self, size: float) -> "InteractionPoint":
-        """Of a thing that is `size` times as large: the hand that comes to it is not."""
+        """The point of the asset scaled by `size`; lengths of the gripper's approach are not scaled."""
         pose = self.object_from_tcp.copy()
         pose[:3, 3] *= size
         return replace(self, object_from_tcp=pose, width_m=size * self.width_m, slack_m=size * self.slack_m)
@@ -109,20 +109,20 @@ class InteractionPoint:
 
 @dataclass(frozen=True)
 class Hinge:
-    """What a thing turns about where it is hung on another one, which bears it: a lid, a door.
+    """Hinge of an object on the object that bears it: a lid, a door.
 
-    It turns about the y axis of `object_from_hinge`. At 0 it is shut, where the task puts it on its bearer;
-    it opens up to `open_deg`, where a stop holds it.
+    The axis is the y axis of `object_from_hinge`. At angle 0 the object is closed, in its nominal pose on the
+    bearer; it opens up to `open_deg`, where a stop holds it.
     """
 
     object_from_hinge: Matrix
     open_deg: float
-    falls_deg: float  # less open than this it falls shut by its own weight ...
+    falls_deg: float  # below this angle it closes by its own weight ...
     falls_s: float  # ... within this time
-    damping_n_m_s: float  # torque against a turn by 1 rad/s
+    damping_n_m_s: float  # torque against a rotation at 1 rad/s
 
     def turned(self, opened_rad: ArrayLike) -> NDArray[np.float64]:
-        """(..., 4, 4) shut_from_object of the thing where it is open so far (...)."""
+        """Poses closed_from_object (..., 4, 4) at opening angles (...)."""
         angles = np.asarray(opened_rad, dtype=float)
         turn = np.broadcast_to(np.eye(4), (*angles.shape, 4, 4)).copy()
         turn[..., 0, 0] = turn[..., 2, 2] = np.cos(angles)
@@ -131,12 +131,12 @@ class Hinge:
         return self.object_from_hinge @ turn @ inverse(self.object_from_hinge)
 
     def opened_rad(self, shut_from_object: Matrix) -> NDArray[np.float64]:
-        """(...) how far a thing at poses (..., 4, 4) is open."""
+        """Opening angles (...) at poses (..., 4, 4) relative to the closed pose."""
         turn = inverse(self.object_from_hinge) @ shut_from_object @ self.object_from_hinge
         return np.arctan2(turn[..., 0, 2], turn[..., 0, 0])
 
     def scaled(self, size: float) -> "Hinge":
-        """Of a thing that is `size` times as large: its weight shuts it as soon."""
+        """The hinge of the object scaled by `size`: angles and times stay, damping grows with size^4."""
         pose = self.object_from_hinge.copy()
         pose[:3, 3] *= size
         return replace(self, object_from_hinge=pose, damping_n_m_s=size**4 * self.damping_n_m_s)
@@ -144,17 +144,17 @@ class Hinge:
 
 @dataclass(frozen=True, eq=False)
 class Asset:
-    """A rigid body. Origin on its underside centre unless its module says otherwise."""
+    """A rigid body. The origin is the centre of its underside unless its module says otherwise."""
 
     name: str
     parts: tuple[Part, ...]
     points: Mapping[str, InteractionPoint] = field(default_factory=dict)
     mass_kg: float = 0.1
-    heaviest_kg: float | None = None  # of its heaviest make, where `Randomisation.mass_scale` asks for some
+    heaviest_kg: float | None = None  # upper end of `Randomisation.mass_scale`
     friction: float = 1.0
     static: bool = False  # fixed to the world
-    ghost: bool = False  # a mark on the table: seen, never touched
-    hinge: Hinge | None = None  # by which it hangs on what it is relative to
+    ghost: bool = False  # a mark on the table: rendered, without collision
+    hinge: Hinge | None = None  # on the object that it is relative to
 
     def __post_init__(self) -> None:
         for name, point in self.points.items():
@@ -163,12 +163,12 @@ class Asset:
 
     @cached_property
     def hulls(self) -> "tuple[trimesh.Trimesh, ...]":
-        """The convex solid parts in the frame of the asset."""
+        """Meshes of the convex solid parts, in the asset's frame."""
         return tuple(part.mesh for part in self.parts if part.solid and not self.ghost)
 
     @cached_property
     def content(self) -> str:
-        """A digest of all that it is, but for its name: what the same file makes, or the same code."""
+        """Digest of everything but the name: the same for the same file or code."""
         parts = [
             {
                 "vertices": _rounded(part.mesh.vertices),
@@ -179,7 +179,7 @@ class Asset:
             }
             for part in self.parts
         ]
-        points = {  # contents are as they were before there was such a symmetry, and before there were hinges
+        points = {  # defaults of `around` and `hinge` are left out: older digests stay valid
             name: without({**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}, around=1)
             for name, point in self.points.items()
         }
@@ -193,25 +193,25 @@ class Asset:
 
     @property
     def placing(self) -> Mapping[str, InteractionPoint]:
-        """Its points at which something is placed or dropped; the first is the usual one."""
+        """Points of kind place or drop; the first is the default."""
         return {name: point for name, point in self.points.items() if point.kind in ("place", "drop")}
 
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
-        """(2, 3) lowest and highest corner of all parts in the frame of the asset."""
+        """(2, 3) lowest and highest corner of all parts, in the asset's frame."""
         corners = np.concatenate([part.mesh.bounds for part in self.parts])
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     def vertices(self, world_from_object: Matrix) -> NDArray[np.float64]:
-        """All vertices of the solid parts (K, 3) in the world."""
+        """All vertices (K, 3) of the solid parts, in the world."""
         return apply(world_from_object, np.concatenate([hull.vertices for hull in self.hulls]))
 
     def scaled(self, size: float) -> "Asset":
-        """The same thing `size` times as large, of the same density; the same object for the same size."""
+        """The asset scaled by `size` at the same density; the same instance for the same size."""
         return self if size == 1 else _scaled(self, size)
 
 
-@lru_cache(maxsize=256)  # sizes differ from scene to scene
+@lru_cache(maxsize=256)  # bounded: sizes differ from scene to scene
 def _scaled(asset: Asset, size: float) -> Asset:
     parts = tuple(replace(part, mesh=part.mesh.copy().apply_scale(size)) for part in asset.parts)
     points = {name: point.scaled(size) for name, point in asset.points.items()}
@@ -223,12 +223,12 @@ def _scaled(asset: Asset, size: float) -> Asset:
 
 
 def _rounded(values: object) -> NDArray[np.floating]:
-    """To 0.1 um: the last bits may differ from one processor to the next."""
+    """Rounded to 0.1 um, as the last bits may differ between processors."""
     return np.round(np.asarray(values, float), 7) + 0.0  # + 0.0: no -0.0
 
 
 def convex_pieces(shell: "trimesh.Trimesh") -> "list[trimesh.Trimesh]":
-    """Convex pieces that together fill a closed shell; the same on every call."""
+    """Convex decomposition of a closed shell; deterministic."""
     import coacd
     import trimesh
 

@@ -1,4 +1,4 @@
-"""Links of a URDF of the authors' release, those that are fixed and those that move, every joint at zero."""
+"""Fixed and moving links of a URDF of the authors' release, with every joint at zero."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ TURNS = ("revolute", "continuous")
 
 @dataclass(frozen=True)
 class Visual:
-    """A mesh that is seen of a link."""
+    """A visual mesh of a link."""
 
     path: Path
     root_from_mesh: Matrix
@@ -27,16 +27,16 @@ class Visual:
 
 @dataclass(frozen=True)
 class Axis:
-    """What a link turns about, in the frame of the root."""
+    """Rotation axis of a link, in the frame of the root."""
 
     position: NDArray[np.float64]  # (3,)
-    direction: NDArray[np.float64]  # (3,) by a turn about which it opens
+    direction: NDArray[np.float64]  # (3,) a positive rotation about it opens the link
 
 
 def read(path: Path, moving: bool) -> tuple[list[Visual], Axis | None]:
-    """What is seen of the links that move, or of those that do not, and the axis of the first that turns.
+    """Visuals of the moving or of the fixed links, and the axis of the first rotating link.
 
-    Raises ArgumentError for a file that is missing, no URDF, or shows something else than meshes.
+    Raises ArgumentError for a file that is missing, no URDF, or has visuals other than meshes.
     """
     try:
         return _Links(path).read(moving)

@@ -1,9 +1,8 @@
-"""An asset made of a user's own mesh and its annotation: `asset: my_shoe.yaml` in a task.
+"""Assets from a user's own mesh and its annotation: `asset: my_shoe.yaml` in a task.
 
-The annotation says where the mesh is, what it weighs, and where to interact with it: in the vocabulary of
-`InteractionPoint`, with directions instead of matrices. docs/assets.md explains every field. Every closed
-shell of the mesh becomes convex solid parts, which nobody sees; the mesh itself, which nothing touches, is
-what pictures show.
+The annotation holds the path of the mesh, the mass, and interaction points as in `InteractionPoint`, with
+directions instead of matrices. docs/assets.md explains every field. Every closed shell of the mesh becomes
+convex solid parts that are not rendered; the mesh itself is rendered, without collision.
 """
 
 from collections.abc import Mapping
@@ -26,26 +25,26 @@ from rf_exp.transforms import from_axes, transform
 
 Vector = tuple[float, float, float]
 
-COMES_ALONG: Mapping[str, Vector | None] = {  # kind -> z axis of its frame unless the file gives one
+COMES_ALONG: Mapping[str, Vector | None] = {  # kind -> default of the frame's z axis; None: required
     **dict.fromkeys(("grasp", "press", "shut", "tool")),
     **dict.fromkeys(("place", "drop"), (0.0, 0.0, 1.0)),
 }
-DIGITS = 6  # of what is written
-WIDEST_DEG = 170.0  # that a hinge opens
-OF_HINGES = ("open_deg", "falls_deg", "falls_s", "damping_n_m_s")  # alike in a Hinge
-# alike in an InteractionPoint
+DIGITS = 6  # of written numbers
+WIDEST_DEG = 170.0  # largest opening of a hinge
+OF_HINGES = ("open_deg", "falls_deg", "falls_s", "damping_n_m_s")  # fields shared with Hinge
+# fields shared with InteractionPoint
 OF_POINTS = ("kind", "standoff_m", "width_m", "turns", "around", "tip_deg", "slack_m")
-OF_BODIES = ("mass_kg", "heaviest_kg", "friction", "static")  # alike in an Asset
+OF_BODIES = ("mass_kg", "heaviest_kg", "friction", "static")  # fields shared with Asset
 FORMATS = (".glb", ".obj", ".ply", ".stl")
-LINEAR = (".glb",)  # formats whose colours are linear, but for textures; elsewhere all is sRGB
+LINEAR = (".glb",)  # formats with linear colours, except textures; in all others colours are sRGB
 GREY: Colour = (0.35, 0.35, 0.35)
-COLOURS = 16  # more than these are made fewer
-ON_TABLE_M = 0.001  # how far the lowest point may be from z = 0
+COLOURS = 16  # above this number, similar colours are merged
+ON_TABLE_M = 0.001  # largest distance of the lowest point from z = 0
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Where the mesh stands in the frame of the asset, after scaling."""
+    """Pose of the scaled mesh in the asset's frame."""
 
     position_m: Vector = (0.0, 0.0, 0.0)
     rotation_deg: Vector = (0.0, 0.0, 0.0)  # about the fixed x, then y, then z axis
@@ -53,12 +52,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Point:
-    """An InteractionPoint with its frame as two directions."""
+    """An InteractionPoint whose frame is given by two directions."""
 
     kind: str
     position_m: Vector
     approach: Vector | None = None  # z axis of the frame
-    fingers: Vector = (0.0, 1.0, 0.0)  # y axis of the frame, as far as it is perpendicular to z
+    fingers: Vector = (0.0, 1.0, 0.0)  # y axis of the frame, made perpendicular to z
     standoff_m: float = InteractionPoint.standoff_m
     width_m: float = InteractionPoint.width_m
     turns: int = InteractionPoint.turns
@@ -67,7 +66,7 @@ class Point:
     slack_m: float = InteractionPoint.slack_m
 
     def interaction_point(self) -> InteractionPoint:
-        """Raises ArgumentError for an unknown kind and for directions that make no frame."""
+        """Raises ArgumentError for an unknown kind, a missing approach, and parallel directions."""
         if self.kind not in COMES_ALONG:
             raise choices("kind", self.kind, COMES_ALONG)
         approach = self.approach or COMES_ALONG[self.kind]
@@ -90,17 +89,17 @@ class Point:
 
 @dataclass(frozen=True)
 class HingeSpec:
-    """A hinge as an annotation says it: see `Hinge`."""
+    """A hinge in an annotation; see `Hinge`."""
 
-    position_m: Vector  # of the axis
+    position_m: Vector  # a point on the axis
     open_deg: float
     falls_deg: float
     falls_s: float
     damping_n_m_s: float
-    axis: Vector = (0.0, 1.0, 0.0)  # the thing opens by a turn about it
+    axis: Vector = (0.0, 1.0, 0.0)  # a positive rotation about it opens the object
 
     def hinge(self) -> Hinge:
-        """Raises ArgumentError for an axis without a direction and for angles that are none of a hinge."""
+        """Raises ArgumentError for a zero axis and for angles out of bounds."""
         if not np.any(self.axis):
             raise ArgumentError("axis of the hinge is (0, 0, 0); expected a direction")
         if not 0 <= self.falls_deg < self.open_deg <= WIDEST_DEG:
@@ -121,19 +120,19 @@ class HingeSpec:
 
 @dataclass(frozen=True)
 class Annotation:
-    """What a YAML file says about a mesh."""
+    """Annotation of a mesh, as in a YAML file."""
 
-    mesh: str  # obj, glb, stl or ply; a path from the folder of the annotation
+    mesh: str  # obj, glb, stl or ply; path relative to the annotation's folder
     mass_kg: float
-    heaviest_kg: float | None = None  # of its heaviest make
+    heaviest_kg: float | None = None  # as in `Asset`
     friction: float = Asset.friction
-    scale: float = 1.0  # metres for one unit of the mesh
+    scale: float = 1.0  # metres per unit of the mesh
     static: bool = Asset.static
-    colour: Colour | None = None  # linear RGB in [0, 1]; without it the mesh's own
+    colour: Colour | None = None  # linear RGB in [0, 1]; None: the mesh's own
     frame: Frame = Frame()
     hinge: HingeSpec | None = None
-    points_of: str | None = None  # take the points of this built-in asset
-    points: Mapping[str, Point] = field(default_factory=dict)  # beside or instead of those
+    points_of: str | None = None  # built-in asset whose points are taken
+    points: Mapping[str, Point] = field(default_factory=dict)  # added to those, or replacing them
 
     def __post_init__(self) -> None:
         for name in ("mass_kg", "friction", "scale"):
@@ -149,7 +148,7 @@ class Annotation:
 
 
 def read(path: Path) -> Annotation:
-    """The annotation in a file. Raises ArgumentError that names the file and what is wrong in it."""
+    """The annotation in a file. Raises ArgumentError that names the file and the error."""
     try:
         node: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
@@ -165,7 +164,7 @@ def read(path: Path) -> Annotation:
 
 
 def write(asset: Asset, mesh: str) -> str:
-    """The annotation of an asset as YAML text that names `mesh` as its mesh file."""
+    """The annotation of an asset as YAML text, with `mesh` as its mesh file."""
     points = {name: asdict(Point.of(point)) for name, point in asset.points.items()}
     node = {
         "mesh": mesh,
@@ -180,7 +179,7 @@ def write(asset: Asset, mesh: str) -> str:
 
 
 def _listed(said: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with lists in the place of tuples, which YAML does not have."""
+    """The mapping with lists in place of tuples, which YAML lacks."""
     return {key: [*value] if isinstance(value, tuple) else value for key, value in said.items()}
 
 
@@ -190,10 +189,10 @@ def _plain(vector: np.ndarray) -> Vector:
 
 
 def build(path: str) -> Asset:
-    """The asset of an annotation file. A shell that is not convex takes a second or two to decompose.
+    """The asset of an annotation file. Decomposing a non-convex shell takes one or two seconds.
 
-    Raises ArgumentError for a file that is missing or wrong, a mesh that is not watertight, and one
-    that does not stand on z = 0.
+    Raises ArgumentError for a missing or invalid file, a mesh that is not watertight, and one whose lowest
+    point is not at z = 0.
     """
     file = Path(path)
     said = read(file)
@@ -217,13 +216,13 @@ def _points(said: Annotation) -> dict[str, InteractionPoint]:
 
 
 def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
-    """Convex solid parts that are not seen, and the surface in its colours, which is not solid."""
+    """Convex solid parts that are not rendered, and the coloured surface, which is not solid."""
     turn = Rotation.from_euler("xyz", said.frame.rotation_deg, degrees=True)
     asset_from_mesh = transform(said.frame.position_m, turn)
     parts = []
     for geometry in geometries(path):
         colours = face_colours(geometry, path.suffix.lower() in LINEAR)  # (F, 3)
-        # Corners that a file keeps apart for its shading are one corner of the body.
+        # Merge vertices that the file duplicates for shading.
         body = trimesh.Trimesh(geometry.vertices, geometry.faces, process=True)
         body.apply_scale(said.scale).apply_transform(asset_from_mesh)
         solids = [piece for shell in _shells(body, path) for piece in convex_pieces(shell)]
@@ -239,14 +238,14 @@ def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
 
 
 def geometries(path: Path) -> list[trimesh.Trimesh]:
-    """The meshes of a file, where its scene puts them, in units of the file."""
+    """The meshes of a file, placed as in its scene, in units of the file."""
     if path.suffix.lower() not in FORMATS:
         raise choices("mesh format", path.suffix, FORMATS)
     if not path.is_file():
         raise ArgumentError(f"there is no mesh file {path}")
     try:
         dumped = trimesh.load_scene(path).dump()
-    except Exception as error:  # every format has errors of its own
+    except Exception as error:  # every format has its own errors
         raise ArgumentError(f"mesh {path} cannot be read: {error}") from error
     geometries = [mesh for mesh in dumped if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not geometries:
@@ -255,7 +254,7 @@ def geometries(path: Path) -> list[trimesh.Trimesh]:
 
 
 def _shells(body: trimesh.Trimesh, path: Path) -> list[trimesh.Trimesh]:
-    """The connected pieces of a mesh, each closed and with its outside out."""
+    """The connected components of a mesh, each closed, with normals pointing outwards."""
     shells = list(body.split(only_watertight=False, repair=False))
     for shell in shells:
         shell.fix_normals()
@@ -269,7 +268,7 @@ def _shells(body: trimesh.Trimesh, path: Path) -> list[trimesh.Trimesh]:
 
 
 def face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64]:
-    """(F, 3) linear RGB in [0, 1] of the triangles: their own, their material's, or their texture's."""
+    """Linear RGB (F, 3) in [0, 1] of the triangles: their own, their material's, or their texture's."""
     visual: Any = geometry.visual
     count = len(geometry.faces)
     if not visual.defined:
@@ -287,10 +286,10 @@ def face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64]
 
 
 def surface(body: trimesh.Trimesh, colours: NDArray[np.float64]) -> list[Part]:
-    """One part that is only seen for each colour; similar ones share their mean where there are many."""
+    """One visual part per colour; above COLOURS, similar colours are merged to their mean."""
     keys, group = np.unique(colours, axis=0, return_inverse=True)
     if len(keys) > COLOURS:
-        keys, group = np.unique(np.round(colours * 3), axis=0, return_inverse=True)  # 4 levels a channel
+        keys, group = np.unique(np.round(colours * 3), axis=0, return_inverse=True)  # 4 levels per channel
     parts = []
     for k in range(len(keys)):
         faces = np.flatnonzero(group.ravel() == k)

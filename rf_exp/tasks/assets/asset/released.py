@@ -1,4 +1,4 @@
-"""Which assets of ours have one of the authors' release for their part, and what its files are."""
+"""Table of the built-in assets with a counterpart in the authors' release, and its files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,12 +8,12 @@ from typing import Any
 
 import yaml
 
-MOVING = "moving"  # links of a URDF
+MOVING = "moving"  # value of `Source.link`: the moving links of a URDF
 
 
 @dataclass(frozen=True)
 class Source:
-    """Which files of the release one of our assets is made of: see released.yaml."""
+    """Files of the release for one built-in asset; the fields are explained in released.yaml."""
 
     mesh: str
     annotation: str
@@ -25,13 +25,13 @@ class Source:
 
 @cache
 def released() -> Mapping[str, Source]:
-    """Asset of ours -> files of the release."""
+    """Built-in asset -> its files in the release."""
     node: Any = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
     return {name: Source(**said) for name, said in node.items()}
 
 
 def seat_m(folder: str, like: str, bearer: str) -> float | None:
-    """How far the underside of what moves in a URDF is above that of what bears it; None of other things."""
+    """Height of a moving part's underside above its bearer's; None unless both are in the release."""
     if released()[like].link != MOVING or bearer not in released():
         return None
     from rf_exp.tasks.assets.asset.annotated import shape_of  # meshes are slow to import
