@@ -1,10 +1,10 @@
-"""Observations: what a controller is handed of a scene, which is what it declares, and nothing else.
+"""Observations: what a controller gets of a scene, which is exactly what it declares.
 
-A `Declaration` names whose joints, which objects and which cameras; `observe` makes a frozen `Observation`
-of that. Policies of the suite declare what their view and recipe need. Environments and policies of others
-declare by `Observations`, and are given a dictionary with the keys of the store: `qpos` and `qvel`,
-`pose_<object>`, `rgb_<camera>`; then `depth_<camera>`, `segmentation_<camera>`, `world_from_base`,
-`world_from_camera_<camera>`, `intrinsics_<camera>` and `language`.
+A `Declaration` names agents, objects and cameras; `observe` makes a frozen `Observation` of them. Policies of
+the suite declare what their view and recipe need. Environments and foreign policies declare by `Observations`
+and get a dictionary with the keys of the store: `qpos` and `qvel`, `pose_<object>`, `rgb_<camera>`; then
+`depth_<camera>`, `segmentation_<camera>`, `world_from_base`, `world_from_camera_<camera>`,
+`intrinsics_<camera>` and `language`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,63 +21,63 @@ from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import Calibration, CameraChoice, CameraModel, Pictures, Scene, World, camera_names
 
 State = Literal["full", "joints", "none"]
-IMAGES = ("pictures", "depth", "segmentation")  # that cameras take
+IMAGES = ("pictures", "depth", "segmentation")  # kinds of camera image
 
 ObservationDict = dict[str, Any]  # key -> array, or a string for `language`
-# Numbers of the subgoals (N,) and who may go on (N,), as a coordinator says.
+# From a coordinator: number of each agent's subgoal (N,), and whether the agent may proceed (N,).
 Coordination = tuple[NDArray[np.int64], NDArray[np.bool_]]
 Key = TypeVar("Key", int, str)
 
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a controller declares that it observes."""
+    """The observations that a controller needs."""
 
-    agents: tuple[int, ...] = ()  # whose measured joints
-    velocities: bool = False  # of these joints
-    objects: tuple[str, ...] = ()  # whose true poses
+    agents: tuple[int, ...] = ()  # whose joint positions are measured
+    velocities: bool = False  # joint velocities too
+    objects: tuple[str, ...] = ()  # whose true poses are given
     cameras: tuple[str, ...] = ()
-    pictures: bool = True  # what its cameras take
+    pictures: bool = True  # RGB of `cameras`
     depth: bool = False
     segmentation: bool = False
     language: str = ""  # the task, in a sentence or two
-    coordinated: tuple[int, ...] = ()  # agents of which a coordinator says what they are to do
-    calibrated: bool = False  # where the arms stand, and its cameras, if that is known,
-    usual: Calibration | None = None  # and what it is handed of that where nobody knows
+    coordinated: tuple[int, ...] = ()  # agents whose subgoals a coordinator gives
+    calibrated: bool = False  # poses of the robot bases and of `cameras`
+    usual: Calibration | None = None  # nominal calibration, given where the true one is unknown
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What is handed out at one control step. What is not declared is not in it; arrays are read-only."""
+    """The observation at one control step. Fields that were not declared are empty; arrays are read-only."""
 
     step: int
-    qpos: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)  # agent -> (9,) rad, fingers m
-    qvel: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)  # agent -> (9,)
+    qpos: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)  # agent -> (D,) rad, fingers m
+    qvel: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)  # agent -> (D,)
     poses: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # -> world_from_object (4, 4)
     pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)  # camera -> (H, W, 3)
     depth: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)  # camera -> (H, W) m
     segmentation: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)  # camera -> (H, W)
     language: str = ""
-    # agent -> number of its subgoal and whether it may go on; None without a coordinator
+    # agent -> (number of its subgoal, whether it may proceed); None without a coordinator
     subgoals: Mapping[int, tuple[int, bool]] | None = None
-    calibration: Calibration | None = None  # None: nobody says
+    calibration: Calibration | None = None  # None: not declared, or not given by the world
 
 
 @dataclass(frozen=True)
 class Observations:
-    """What a controller of all arms is shown. Raises ArgumentError for values that are not possible.
+    """The observations of a controller of all arms. Raises ArgumentError for values that are not possible.
 
-    `state`: `full` is all joints and the poses of all objects, `joints` what an arm measures of itself,
-    `none` neither. `pictures`, `depth` and `segmentation` are taken by `cameras`, as `width` x `height` px;
-    without them nothing is drawn, and no Vulkan device is needed. `calibration` says where arms and cameras
-    stand, or where they usually do if `variation.calibration` is `unknown`.
+    `state`: `full` is all joints and the poses of all objects, `joints` the joints alone, `none` neither.
+    `pictures`, `depth` and `segmentation` are images of `cameras`, of `width` x `height` px; without them
+    nothing is rendered, and no Vulkan device is needed. `calibration` gives the poses of arms and cameras, or
+    the nominal ones if `variation.calibration` is `unknown`.
     """
 
     state: State = "full"
     pictures: bool = False  # (H, W, 3) uint8, RGB
-    depth: bool = False  # (H, W) float32, metres along the viewing direction, to the millimetre; 0 is nothing
-    segmentation: bool = False  # (H, W) uint8, numbers of `labels`
-    calibration: bool = False  # (4, 4) float32 poses in the world, m, OpenCV axes; (3, 3) of pixels
+    depth: bool = False  # (H, W) float32, m along the viewing direction, to the millimetre; 0: nothing there
+    segmentation: bool = False  # (H, W) uint8, indices of `labels`
+    calibration: bool = False  # (4, 4) float32 poses in the world, m, OpenCV axes; (3, 3) intrinsics, px
     language: bool = False  # the task, in a sentence or two
     cameras: CameraChoice = "all"  # all | local (those of the agents) | global
     width: int = 320
@@ -86,7 +86,7 @@ class Observations:
     def __post_init__(self) -> None:
         if self.state not in get_args(State):
             raise choices("state", self.state, get_args(State))
-        Pictures(self.width, self.height, self.draws, self.cameras)  # looks at its arguments
+        Pictures(self.width, self.height, self.draws, self.cameras)  # checks its arguments
         if self.state == "none" and not (self.draws or self.calibration or self.language):
             raise ArgumentError(
                 "nothing is observed; expected state, pictures, depth, segmentation, calibration or language"
@@ -98,13 +98,13 @@ class Observations:
 
     @property
     def draws(self) -> bool:
-        """Whether a camera has to look."""
+        """Whether cameras have to render."""
         return self.pictures or self.depth or self.segmentation
 
     def declared(self, task: Task) -> Declaration:
-        """The same for the agents, objects and cameras of a task.
+        """The declaration for the agents, objects and cameras of a task.
 
-        Raises ArgumentError where a calibration is asked for that has no usual one.
+        Raises ArgumentError where the calibration is unknown and a camera has no nominal pose.
         """
         cameras = tuple(camera_names(self.cameras, len(task.agents))) if self.draws else ()
         unknown = self.calibration and task.variation.calibration == "unknown"
@@ -120,7 +120,7 @@ class Observations:
         )
 
     def keyed(self, observation: Observation) -> ObservationDict:
-        """What is shown of an observation, by the keys of the store; all arrays are new ones."""
+        """The observation as a dictionary with the keys of the store; all arrays are copies."""
         shown = ObservationDict()
         if self.state != "none":
             shown["qpos"] = np.stack([*observation.qpos.values()]).astype(np.float32)
@@ -141,7 +141,7 @@ class Observations:
 
 @runtime_checkable
 class MeasuredWorld(World, Protocol):
-    """A world whose cameras also give depth and what is where (given by `rf_exp.sim`)."""
+    """A world whose cameras also give depth and segmentation (implemented by `rf_exp.sim`)."""
 
     @property
     def task(self) -> Task: ...
@@ -153,14 +153,14 @@ class MeasuredWorld(World, Protocol):
     def camera_models(self) -> dict[str, CameraModel]: ...
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
-        """Body of `labels` -> its numbers in a segmentation."""
+        """Label of `labels` -> ids of its bodies in a segmentation."""
         ...
 
 
 def observe(
     scene: Scene, world: World, declared: Sequence[Declaration], coordination: Coordination | None = None
 ) -> list[Observation]:
-    """What each of several controllers is handed of the present step. A camera takes what somebody asks for.
+    """The observations of several controllers at the current step. Cameras render only what is declared.
 
     Raises StageError where depth or segmentation is declared and the world cannot give it.
     """
@@ -169,7 +169,7 @@ def observe(
 
 
 def _calibration(world: World, declared: Declaration) -> Calibration | None:
-    """Where the arms of a world stand, and the declared cameras; if that is unknown, what is usual."""
+    """Calibration of the arms and the declared cameras of a world; the nominal one if it is unknown."""
     if not declared.calibrated or not isinstance(world, MeasuredWorld):
         return None
     if world.task.variation.calibration == "unknown":
@@ -182,7 +182,7 @@ def _calibration(world: World, declared: Declaration) -> Calibration | None:
 
 
 def _images(kind: str, world: World, declared: Sequence[Declaration]) -> Mapping[str, NDArray]:
-    """Camera -> image of a kind, of those cameras that somebody looks through for it."""
+    """Camera -> image of a kind, for the cameras of which a controller declares that kind."""
     wanted = sorted({camera for each in declared if getattr(each, kind) for camera in each.cameras})
     if not wanted:
         return {}
@@ -222,7 +222,7 @@ def _handed(
 
 
 def _copies(arrays: Mapping[Key, NDArray]) -> Mapping[Key, NDArray]:
-    """Copies, from which no way leads back to what they were cut out of."""
+    """Read-only copies, which share no memory with the originals."""
     return _views({key: array.copy() for key, array in arrays.items()})
 
 

@@ -1,4 +1,4 @@
-"""What every artifact has, whatever is in it: who made it and of what, and that it is whole."""
+"""Common parts of all artifacts: provenance, atomic writing of files, locks."""
 
 import lazy_loader
 

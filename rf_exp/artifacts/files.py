@@ -1,12 +1,11 @@
-"""Files and folders that are whole whenever the process is killed, locks, and files to which lines are added.
+"""Atomic writing of files and folders, locks, and files to which lines are appended.
 
-What is written lies in a draft folder beside it, `.<name>.<random>.partial`, until it is finished and on the
-disk; then one rename gives it its place. The process that writes holds a lock on the draft, which ends with
-that process: a draft without one is what a kill left behind, and whoever writes into that folder next, under
-whatever name, removes it.
+A draft lies in a folder beside its target, `.<name>.<random>.partial`, until it is finished and synced to
+disk; then it is renamed. The writing process holds a lock on the draft, which ends with the process: a draft
+without a lock was left by a killed process, and the next write to that folder, under any name, removes it.
 
-Of things that belong together the one that counts is written around the others: it gets its place last. A
-lock ends with its process; its file stays. Of lines that are added a crash leaves the last one unfinished.
+Of artifacts that belong together, the one that marks completion is written around the others, so that it is
+renamed last. A lock ends with its process; its file stays. A crash leaves an appended line unfinished.
 """
 
 import errno
@@ -26,7 +25,7 @@ from typing import Any
 from rf_exp.errors import StageError
 from rf_exp.progress import console
 
-SYNCED_AT_ONCE = 16  # files; a disk takes many in little more time than one
+SYNCED_AT_ONCE = 16  # files; syncing many takes little longer than one
 RANDOM = "[0-9a-f]" * 8
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 LARGEST_JSON = 2**26  # bytes
@@ -34,10 +33,10 @@ LARGEST_JSON = 2**26  # bytes
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Another place to write the file or folder `path`; it gets its own only when it is finished.
+    """Yields a draft path at which to write the file or folder `path`; it is renamed when finished.
 
-    A file that is there is replaced, a folder only where it is empty. What else is needed meanwhile may lie
-    beside the draft, and goes with it. Raises OSError where nothing can be written there.
+    An existing file is replaced, an existing folder only if empty. Temporary files may lie beside the draft
+    and are removed with it. Raises OSError where nothing can be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     sweep(path.parent)
@@ -47,7 +46,7 @@ def whole(path: Path) -> Iterator[Path]:
         yield draft
         written = [draft, *(each for each in draft.rglob("*") if not each.is_symlink())]
         with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
-            list(pool.map(_to_disk, written))  # an error of one is raised here
+            list(pool.map(_to_disk, written))  # raises their errors
         draft.replace(path)
         _to_disk(path.parent)
     finally:
@@ -56,35 +55,35 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """A text file in UTF-8, written whole. Raises OSError where it cannot be."""
+    """Writes a UTF-8 text file atomically. Raises OSError."""
     with whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
 
 
 def keep_text(path: Path, text: str) -> None:
-    """As `write_text`, but a file that says so already stays as it is."""
+    """As `write_text`, but a file with the same text is left untouched."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         write_text(path, text)
 
 
 def write_json(path: Path, value: object) -> None:
-    """A JSON file for people to read, written whole."""
+    """Writes an indented JSON file atomically."""
     write_text(path, json.dumps(value, indent=2) + "\n")
 
 
 def disk_full(error: BaseException) -> bool:
-    """Whether something could not be written for want of room. Libraries in C and Rust say so in words."""
+    """Whether an error means that the disk is full. Libraries in C and Rust report it only as text."""
     said = getattr(error, "errno", None) in DISK_FULL
     return said or any(os.strerror(number) in str(error) for number in DISK_FULL)
 
 
 def configuration_file(artifact: Path) -> Path:
-    """Beside an artifact: what it was made of."""
+    """Path of the file beside an artifact that holds its configuration."""
     return artifact.with_suffix(".configuration.json")
 
 
 def read_json(path: Path, remedy: str) -> Any:
-    """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged or absent."""
+    """Reads a JSON file. Raises StageError, ending with `remedy`, if it is damaged, too large or absent."""
     try:
         if (size := path.stat().st_size) > LARGEST_JSON:
             raise ValueError(f"{size} bytes are more than the {LARGEST_JSON} that a description may have")
@@ -99,7 +98,7 @@ def read_json(path: Path, remedy: str) -> Any:
 
 
 def sweep(folder: Path) -> None:
-    """Removes drafts that a kill left in `folder`. Those of living processes stay."""
+    """Removes drafts that killed processes left in `folder`. Those of living processes stay."""
     for leftover in folder.glob(f".*.{RANDOM}.partial"):
         try:
             lock = hold_folder(leftover)
@@ -119,7 +118,7 @@ def _draft(path: Path) -> tuple[Path, int]:
             lock = hold_folder(folder, wait=True)
         except FileNotFoundError:
             continue  # swept away before it was locked
-        assert lock is not None  # it has waited
+        assert lock is not None  # it waits for the lock
         if folder.exists():
             return folder, lock
         os.close(lock)
@@ -134,7 +133,7 @@ def _to_disk(path: Path) -> None:
 
 
 def hold(descriptor: int, wait: bool = False) -> bool:
-    """Takes the lock of an open file or folder; False, or one may `wait`, where another process has it."""
+    """Takes the lock of an open file or folder; where another process has it, waits or returns False."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -159,14 +158,14 @@ def hold_folder(folder: Path, wait: bool = False) -> int | None:
 
 @contextmanager
 def locked(path: Path, what: str) -> Iterator[None]:
-    """Holds the lock of a file; where another process has it, says so. Raises OSError."""
+    """Holds the lock of a file; prints a message while another process has it. Raises OSError."""
     with path.open("a+") as file:
         if not hold(file.fileno()):
             file.seek(0)
             try:
                 by = json.load(file)
                 holder = f"process {by['pid']} on {by['host']} has been at work on it since {by['since']}"
-            except (ValueError, KeyError):  # it has the lock, and has not written its name yet
+            except (ValueError, KeyError):  # the holder has not written its name yet
                 holder = "another process is at work on it"
             console.print(f"waiting for {what}: {holder}")
             hold(file.fileno(), wait=True)
@@ -178,9 +177,9 @@ def locked(path: Path, what: str) -> Iterator[None]:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Adds a line of JSON, durably; one that a crash left unfinished is removed first. Raises OSError.
+    """Appends a line of JSON, durably; removes a line that a crash left unfinished. Raises OSError.
 
-    Any number of processes may do so to one file at a time.
+    Several processes may append to one file at the same time.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(path, "a+b", buffering=0) as file:
@@ -191,23 +190,23 @@ def append_line(path: Path, line: bytes) -> None:
             tail_start = content.rfind(b"\n") + 1
             if _torn(content[tail_start:]):
                 os.ftruncate(file.fileno(), tail_start)
-            else:  # damaged or not, that is for the reader to say
+            else:  # complete or damaged: the reader decides
                 os.write(file.fileno(), b"\n")
         left = memoryview(line + b"\n")
-        while left:  # a disk that is full takes a part, and refuses the next with its reason
+        while left:  # a full disk may take a part; the next write raises
             left = left[os.write(file.fileno(), left) :]
         os.fsync(file.fileno())
 
 
 def read_lines(path: Path) -> tuple[list[bytes], bool]:
-    """The lines of a file, and whether a crash left an unfinished one behind them. Raises OSError."""
+    """The complete lines of a file, and whether an unfinished one follows them. Raises OSError."""
     *lines, tail = path.read_bytes().split(b"\n")
     torn = _torn(tail) if tail else False
-    return lines if torn or not tail else [*lines, tail], torn  # a whole one may lack its line end
+    return lines if torn or not tail else [*lines, tail], torn  # a complete one may lack its line end
 
 
 def _torn(tail: bytes) -> bool:
-    """Whether a last line without its end is the beginning of one, and not one with a damaged end."""
+    """Whether a last line without a line end is unfinished, not complete with a missing or damaged end."""
     for end in (len(tail), -1):
         try:
             json.loads(tail[:end])

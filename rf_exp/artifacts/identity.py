@@ -1,4 +1,4 @@
-"""What an artifact was made of, and by which code: plain JSON values and back, compared leaf by leaf."""
+"""Provenance of artifacts: configurations as plain JSON values and back, their comparison, code versions."""
 
 import hashlib
 import json
@@ -34,7 +34,7 @@ def plain(value: object) -> Any:
 
 
 def restored(kind: type[T], values: Mapping[str, Any]) -> T:
-    """The dataclass that `plain` made these values of; fields that came later have their defaults.
+    """The dataclass of which `plain` made these values; fields added since then have their defaults.
 
     Raises ArgumentError naming a field that is missing, unknown or of another type.
     """
@@ -47,9 +47,9 @@ def restored(kind: type[T], values: Mapping[str, Any]) -> T:
 
 
 def read_values(kind: type[T], values: Mapping[str, Any], within: str = "") -> T:
-    """The dataclass that a configuration has the values of; inner ones may have been made already.
+    """A dataclass from the values of a configuration; nested dataclasses may be instances already.
 
-    Raises ArgumentError naming the dotted key, which begins with `within`, that cannot be used.
+    Raises ArgumentError naming the invalid dotted key, which begins with `within`.
     """
     if not isinstance(values, Mapping):
         raise ArgumentError(f"{within.rstrip('.')} is {values!r}; expected keys below it")
@@ -65,7 +65,7 @@ def read_values(kind: type[T], values: Mapping[str, Any], within: str = "") -> T
 
 
 def _expect_lists(kind: Any, values: Mapping[str, Any], within: str) -> None:
-    """Raises ArgumentError for one value where a dataclass holds several: a word would be its letters."""
+    """Raises ArgumentError for a single value in a tuple field: a string would become its letters."""
     for field in fields(kind):
         if field.name not in values:
             continue
@@ -78,7 +78,7 @@ def _expect_lists(kind: Any, values: Mapping[str, Any], within: str) -> None:
 
 
 def canonical(value: object, ascii: bool = False) -> bytes:
-    """Plain values as the one JSON there is of them: keys sorted, no spaces; UTF-8, or escaped to ASCII."""
+    """Plain values as canonical JSON: keys sorted, no spaces; UTF-8, or escaped to ASCII."""
     text = json.dumps(value, ensure_ascii=ascii, sort_keys=True, separators=(",", ":"))
     return text.encode(errors="surrogatepass")
 
@@ -89,12 +89,12 @@ def digest(value: object) -> str:
 
 
 def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
-    """The values but for those that say nothing: so what came later, and is not used, changes no identity."""
+    """The values but for those equal to their entry in `nothing`: unused new keys change no identity."""
     return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
 
 
 def leaves(value: Any, prefix: str = "") -> dict[str, Any]:
-    """The values in nested mappings by dotted keys, which begin with `prefix`."""
+    """Dotted key, beginning with `prefix`, -> value in nested mappings."""
     if isinstance(value, Mapping) and (value or not prefix):
         return {
             key: leaf
@@ -116,7 +116,7 @@ def differing(found: object, wanted: object) -> tuple[str, ...]:
 
 
 def expect_same(artifact: Path, found: object, wanted: object, remedy: str) -> None:
-    """Raises StageError that names what differs, and ends with `remedy`, unless an artifact was made so."""
+    """Raises StageError, naming the differences and ending with `remedy`, unless `found` is as `wanted`."""
     if differences := differing(found, wanted):
         raise StageError(
             f"{artifact} was made from another configuration ({'; '.join(differences)}); {remedy}"
@@ -126,7 +126,7 @@ def expect_same(artifact: Path, found: object, wanted: object, remedy: str) -> N
 def _simpler(item: object) -> object:
     if is_dataclass(item) and not isinstance(item, type):
         return {each.name: getattr(item, each.name) for each in fields(item)}
-    if callable(tolist := getattr(item, "tolist", None)):  # NumPy's: help comes without the library
+    if callable(tolist := getattr(item, "tolist", None)):  # NumPy values; --help does not import NumPy
         return tolist()
     if isinstance(item, Mapping):
         return dict(item)
@@ -144,7 +144,7 @@ def _text(leaves: Mapping[str, Any], key: str) -> str:
 @cache
 def commit(checkout: Path = CHECKOUT) -> str:
     """The git commit of the code, with a + where files were changed since; empty where git gives none."""
-    if not (checkout / ".git").exists():  # installed; a repository further up is somebody else's
+    if not (checkout / ".git").exists():  # installed; a repository further up is not ours
         return ""
     command = ["git", "--no-optional-locks", "-C", str(checkout), "describe"]
     command += ["--always", "--exclude=*", "--abbrev=12", "--dirty=+"]
@@ -158,7 +158,7 @@ def commit(checkout: Path = CHECKOUT) -> str:
 
 
 def code(checkout: Path = CHECKOUT) -> str:
-    """Which code runs, in one word, as every artifact says: its commit or, of no checkout, its version."""
+    """Version of the code, as recorded in artifacts: its commit or, without a checkout, its release."""
     return commit(checkout) or f"rf_exp-{installed(['rf_exp']).get('rf_exp', 'unknown')}"
 
 

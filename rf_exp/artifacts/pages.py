@@ -1,4 +1,4 @@
-"""Pages from templates: what they say comes from the caller, how it is said from a file beside it."""
+"""Pages from Jinja2 templates: the caller gives the values, a template file the wording."""
 
 from pathlib import Path
 from typing import Any
@@ -8,10 +8,10 @@ from rf_exp.texts.markdown import Markdown, text
 
 
 def rendered(template: Path, **values: object) -> str:
-    """The page that a Jinja2 template makes of some values; in HTML and Markdown what they hold is escaped.
+    """Renders a Jinja2 template; values are escaped in HTML and Markdown.
 
-    Unless it is markup already: markupsafe's in HTML, `rf_exp.texts.markdown.Markdown` in Markdown (`.md`).
-    The template may include others of its folder. A name in it that has no value is an error.
+    Values that are markup already are not: markupsafe's in HTML, `rf_exp.texts.markdown.Markdown` in Markdown
+    (`.md`). The template may include others of its folder. An undefined name is an error.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape  # only for pages
 
@@ -28,8 +28,8 @@ def rendered(template: Path, **values: object) -> str:
 
 
 def _letters(value: Any) -> Any:
-    """A value on a page, without characters that cannot be shown; whole, as a picture may be in it."""
-    return visible(value, "\n") if type(value) is str else value  # what is markup has a type of its own
+    """A value without unprintable characters; never shortened, as it may contain a picture."""
+    return visible(value, "\n") if type(value) is str else value  # markup has a type of its own
 
 
 def _words(value: Any) -> Any:

@@ -1,9 +1,9 @@
-"""Client: what the machine that serves a policy needs of the suite, with numpy, msgpack and websockets.
+"""Client: the part of the suite that a policy server needs, with numpy, msgpack and websockets.
 
-The distribution `rf_exp-client` packages these very files as `rf_exp_client` (plugins/rf_exp_client), so they
-import one another, and `texts`, by relative names. The wire format and the contract of observations and
-actions are written here and nowhere else: see docs/serving.md. What needs msgpack or websockets is imported
-once it is asked for: the suite judges actions without them.
+The distribution `rf_exp-client` packages these files as `rf_exp_client` (plugins/rf_exp_client), so they
+import each other and `texts` by relative names. The wire format and the contract of observations and actions
+are defined only here: see docs/serving.md. Modules that need msgpack or websockets are imported lazily: the
+suite checks actions without them.
 """
 
 from importlib import import_module

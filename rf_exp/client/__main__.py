@@ -1,11 +1,11 @@
-"""A policy server, asked with made-up observations: whether the suite could use its answers.
+"""Check of a policy server with synthetic observations: whether the suite could use its answers.
 
 check ws://gpu-machine:8000 --task lift_barrier
 check ws://gpu-machine:8000 --arms 3 --cameras local --width 128 --height 96
 describe --task take_photo --state full
 
-`check` ends with 0 if every answer can be used, and else with 1 and what is wrong; `describe` lists the keys
-of an observation. See docs/serving.md.
+`check` exits with 0 if every answer can be used, else with 1 and the problem; `describe` lists the keys of an
+observation. See docs/serving.md.
 """
 
 import argparse
@@ -22,7 +22,7 @@ SWITCHES = ("pictures", "depth", "segmentation", "calibration", "language")
 
 
 def main() -> int:
-    """Runs what the arguments say; its exit code."""
+    """Runs the command and returns its exit code."""
     parser = argparse.ArgumentParser(
         NAME, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Checking a policy server: made-up observations of some episodes, and what is wrong with the answers."""
+"""Check of a policy server: sends synthetic observations of some episodes and validates the answers."""
 
 import time
 from collections.abc import Iterator
@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 from .connection import Connection, ServerFailed
 from .contract import CONTROL_HZ, JOINTS, SUITE, Contract, checked
 
-EPISODES, ANSWERS = 2, 2  # of each, one connection
-FAR_RAD = 0.5  # from where a joint is to its first target: ten steps at full speed
+EPISODES, ANSWERS = 2, 2  # answers per episode, over one connection
+FAR_RAD = 0.5  # from a measured joint to its first target: ten steps at full speed
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a server did that the suite can use; `notes` is what it would alter, or what is odd."""
+    """Valid answers of a server; `notes`: what the suite would change in them, and what is suspicious."""
 
-    metadata: dict[Any, Any]  # its greeting
+    metadata: dict[Any, Any]  # the server's greeting
     steps: tuple[int, ...]  # of each chunk
-    seconds: tuple[float, ...]  # that each answer took
+    seconds: tuple[float, ...]  # duration of each answer
     notes: tuple[str, ...]
 
 
 def check(server: str, contract: Contract, connect_s: float = 10.0, answer_s: float = 120.0) -> Report:
-    """Asks a server as the suite does, for two answers in each of two episodes.
+    """Queries a server as the suite does, for two answers in each of two episodes.
 
-    Raises ServerFailed for one that cannot be reached, does not answer in time, or gives what the suite would
-    refuse: it says which answer, and what is expected.
+    Raises ServerFailed for a server that cannot be reached or does not answer in time, and for an answer that
+    the suite would refuse, naming it and what is expected.
     """
     connection = Connection(server, connect_s, answer_s)
     steps, seconds, notes = [], [], dict[str, None]()
@@ -54,7 +54,7 @@ def check(server: str, contract: Contract, connect_s: float = 10.0, answer_s: fl
 
 
 def oddities(chunk: NDArray[np.float64], qpos: NDArray[np.float32] | None) -> Iterator[str]:
-    """What is told of a chunk (T, N, 8) that the suite takes, where arms are as observed (N, 9)."""
+    """Suspicious features of a valid chunk (T, N, 8), given the observed joints (N, 9)."""
     low, high = np.array(SUITE["limits_rad"])
     for row, targets in enumerate(chunk.swapaxes(0, 1)):  # (T, 8)
         agent = f"agent {row + 1}"

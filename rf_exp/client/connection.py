@@ -1,8 +1,8 @@
 """Connection to a policy server, by openpi's protocol: msgpack over a websocket.
 
-The server speaks first, with a map of what it likes to say of itself. Then each message is an observation,
-and each answer a map with `actions`; a text in its place is an error of the server. The first observation
-of an episode has `reset`, the seed of its scene: who keeps nothing between observations need not look.
+The server first sends a map of metadata. Then each message is an observation, and each answer a map with
+`actions`; a text instead is an error of the server. The first observation of an episode has `reset`, the seed
+of its scene, which stateless policies can ignore.
 """
 
 from contextlib import ExitStack
@@ -14,24 +14,24 @@ from websockets.sync.client import ClientConnection, connect
 from ..texts import printable
 from .wire import LARGEST, pack, unpack
 
-# A server has a second to say goodbye. One that computes in its event loop cannot answer pings.
+# Closing may take a second. A server that computes in its event loop cannot answer pings.
 TERMS: dict[str, Any] = {"close_timeout": 1, "compression": None, "max_size": LARGEST, "ping_interval": None}
-KEYS, LAST = 5, 2000  # of an answer without actions that are repeated; characters at the end of an error
+KEYS, LAST = 5, 2000  # quoted keys of an answer without actions; quoted characters at the end of an error
 
 
 class ServerFailed(Exception):
-    """A policy server that cannot be reached, does not answer, or answers something else."""
+    """Error: a policy server cannot be reached, does not answer, or gives an invalid answer."""
 
 
 class Connection:
-    """One connection. Every way in which a server can fail raises a ServerFailed that says which."""
+    """Connection to one policy server. Every failure of the server raises a ServerFailed that names it."""
 
-    LIMITS = "connect_s", "answer_s"  # what the limits are called in what is raised
+    LIMITS = "connect_s", "answer_s"  # names of the limits in errors
 
     def __init__(self, server: str, connect_s: float, answer_s: float) -> None:
         """Connects to `ws://host:port` within `connect_s` seconds; each answer may take `answer_s`."""
         self._server, self._answer_s, self._open = server, answer_s, ExitStack()
-        self._seed: int | None = None  # of an episode that has not begun yet
+        self._seed: int | None = None  # of the episode that begins with the next observation
         try:
             asked = connect(server, open_timeout=connect_s, **TERMS)
             self._socket: ClientConnection = self._open.enter_context(asked)
@@ -46,7 +46,7 @@ class Connection:
         self.metadata = self._answer(connect_s, self.LIMITS[0])
 
     def reset(self, seed: int) -> None:
-        """An episode begins; the server is told with its first observation."""
+        """Begins an episode; its seed is sent with the first observation."""
         self._seed = seed
 
     def act(self, observation: dict[str, Any]) -> Any:
@@ -64,7 +64,7 @@ class Connection:
         return answer["actions"]
 
     def close(self) -> None:
-        """Leaves the server."""
+        """Closes the connection."""
         self._open.close()
 
     def _answer(self, limit_s: float, key: str) -> dict[Any, Any]:
@@ -87,6 +87,6 @@ class Connection:
         return answer
 
     def _failed(self, how: str) -> Exception:
-        """What is raised, once the connection is closed."""
+        """Closes the connection; returns the error to raise."""
         self.close()
         return ServerFailed(f"policy server {self._server} {how}")

@@ -1,7 +1,7 @@
-"""Contract between the suite and a policy of N arms: what it observes, and what it answers.
+"""Contract between the suite and a policy of N arms: its observations and answers.
 
 Agent k is row k - 1 of every array, in the order of the task's robots. Lengths are metres, angles radians,
-poses (4, 4) matrices `a_from_b` or position and quaternion (w, x, y, z), frames those that the names say.
+poses (4, 4) matrices `a_from_b` or position and quaternion (w, x, y, z), frames as in the names.
 """
 
 import json
@@ -17,27 +17,27 @@ JOINTS, FINGERS = 7, 2
 ACTION_SIZE = JOINTS + 1  # of an agent: joint targets in rad, and the gripper from -1 (closed) to 1 (open)
 CONTROL_HZ = 20
 STATES, CAMERAS = ("joints", "full", "none"), ("all", "local", "global")
-# Robot and tasks of the suite, written from its configuration: python -m tests.client.suite
+# Robot and tasks of the suite, generated from its configuration: python -m tests.client.suite
 SUITE: Mapping[str, Any] = json.loads(Path(__file__).with_name("suite.json").read_text("utf-8"))
 
 
 class Entry(NamedTuple):
-    """What a key of an observation holds."""
+    """Shape, dtype and meaning of a key of an observation."""
 
-    shape: tuple[int, ...]  # () of a text
-    dtype: str  # of NumPy; `str` of a text
+    shape: tuple[int, ...]  # () for a text
+    dtype: str  # of NumPy; `str` for a text
     holds: str  # in words, with unit and frame
 
 
 @dataclass(frozen=True)
 class Contract:
-    """What a policy of some arms observes; the fields are those of `foreign.observations` of the suite.
+    """Observations of a policy of some arms; the fields are those of the suite's `foreign.observations`.
 
     Raises ValueError for values that are not possible.
     """
 
     arms: int
-    objects: tuple[str, ...] = ()  # whose true poses are told with state `full`
+    objects: tuple[str, ...] = ()  # whose true poses are observed with state `full`
     description: str = "Move the arms."  # the task in words
     state: str = "joints"  # joints | full | none
     pictures: bool = True
@@ -59,7 +59,7 @@ class Contract:
 
     @classmethod
     def of_task(cls, task: str, **options: Any) -> "Contract":
-        """That of a task of the suite, by its name. Raises ValueError for one that it does not have."""
+        """The contract of a task of the suite, by its name. Raises ValueError for an unknown task."""
         if task not in SUITE["tasks"]:
             raise ValueError(f"unknown task {task!r}; available: {', '.join(SUITE['tasks'])}")
         found = SUITE["tasks"][task]
@@ -67,18 +67,18 @@ class Contract:
 
     @property
     def camera_names(self) -> tuple[str, ...]:
-        """`global`, that of nobody, and `agent1` to `agentN`, whose pictures are those of one agent."""
+        """The selected ones of `global`, the shared camera, and `agent1` to `agentN`, one per agent."""
         local = tuple(f"agent{agent}" for agent in range(1, self.arms + 1))
         return {"all": ("global", *local), "local": local, "global": ("global",)}[self.cameras]
 
     @property
     def entries(self) -> dict[str, Entry]:
-        """All keys of an observation but `reset`, the seed of the scene, an integer in the first alone."""
+        """All keys of an observation but `reset`, the integer scene seed, only in an episode's first."""
         arms, size, alone = self.arms, (self.height, self.width), [""]
         joints, eyes = (arms, JOINTS + FINGERS), [f"_{name}" for name in self.camera_names]
         objects = [f"_{name}" for name in self.objects]
         told, full, known = self.state != "none", self.state == "full", self.calibration
-        listed = (  # whether there are keys that begin so, how they may end, and what they hold
+        listed = (  # (present, beginning of the keys, their endings, shape, kind of numbers, meaning)
             (told, "qpos", alone, joints, "float32", "measured: seven joints in rad, two fingers in m"),
             (told, "qvel", alone, joints, "float32", "their velocities: rad/s, m/s"),
             (full, "pose", objects, (7,), "float32", "world: position in m, quaternion w, x, y, z"),
@@ -98,10 +98,10 @@ class Contract:
         }
 
     def made_up(self, seed: int = 0) -> dict[str, Any]:
-        """An observation of the right keys, shapes and types: arms near their rest, pictures of noise."""
+        """A synthetic observation with valid keys, shapes and types: arms near rest, pictures of noise."""
         rng, rest = np.random.default_rng(seed), [*SUITE["rest_rad"], *[SUITE["open_m"]] * FINGERS]
         lens = [[self.height, 0, self.width / 2], [0, self.height, self.height / 2], [0, 0, 1]]
-        made: dict[str, Callable[[tuple[int, ...]], ArrayLike]] = {  # by how a key begins
+        made: dict[str, Callable[[tuple[int, ...]], ArrayLike]] = {  # beginning of a key -> its value
             "qpos": lambda _: rest + np.pad(rng.normal(0, 0.02, (self.arms, JOINTS)), ((0, 0), (0, FINGERS))),
             "qvel": np.zeros,
             "pose": lambda _: [*rng.uniform(-0.2, 0.2, 2), 0.05, 1, 0, 0, 0],
@@ -118,13 +118,13 @@ class Contract:
 
 
 def checked(answer: object, arms: int) -> NDArray[np.float64]:
-    """The `actions` that a policy gave, as a chunk (T, arms, 8). Raises ValueError for anything else."""
+    """The `actions` of a policy as a chunk (T, arms, 8). Raises ValueError for anything else."""
     each = f"seven joint targets in rad and the gripper in [-1, 1] of {arms} agent{'s' * (arms > 1)}"
     size = ACTION_SIZE * arms
     expected = f"expected finite numbers (T, {arms}, {ACTION_SIZE}) or (T, {size}): {each}"
     try:
         array = np.asarray(answer)
-    except Exception as error:  # a tensor elsewhere, lists of different lengths
+    except Exception as error:  # a tensor on a device, lists of different lengths
         raise ValueError(
             f"actions that are no array ({type(answer).__name__}: {error}); {expected}"
         ) from error

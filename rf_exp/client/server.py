@@ -1,4 +1,4 @@
-"""Serving a policy to the suite, by openpi's protocol: one thread a connection, each an episode at a time."""
+"""Policy server for the suite, by openpi's protocol: one thread per connection, one episode at a time."""
 
 import sys
 import traceback
@@ -16,12 +16,12 @@ from websockets.sync.server import serve as listen
 from ..texts import printable, shown
 from .wire import pack, unpack
 
-HOST, PORT = "127.0.0.1", 8000  # 0.0.0.0 to be reached from other machines; it asks nobody who they are
+HOST, PORT = "127.0.0.1", 8000  # 0.0.0.0 to be reached from other machines; without authentication
 INTERNAL_ERROR = 1011  # of the websocket protocol
 
 
 class Policy(Protocol):
-    """What is served. One that remembers anything has `reset(seed)` too, called as each episode begins."""
+    """Protocol of a served policy. A stateful one also has `reset(seed)`, called as each episode begins."""
 
     def infer(self, observation: dict[str, Any]) -> Mapping[str, Any]:
         """`{"actions": chunk}`, (T, N, 8) or (T, N * 8), for an observation as `Contract` describes it."""
@@ -29,14 +29,14 @@ class Policy(Protocol):
 
 
 class Server:
-    """A policy that listens: `address` is where, `run` answers until `stop` is called."""
+    """Server that listens at `address`; `run` answers until `stop` is called."""
 
     def __init__(self, sockets: Sockets, host: str) -> None:
         self._sockets = sockets
         self.address = f"ws://{host}:{sockets.socket.getsockname()[1]}"
 
     def run(self) -> None:
-        """Answers until it is stopped, from another thread or by the keyboard."""
+        """Answers until stopped from another thread or by a keyboard interrupt."""
         self._sockets.serve_forever()
 
     def stop(self) -> None:
@@ -50,12 +50,12 @@ def serving(
     port: int = PORT,
     metadata: Mapping[str, Any] | None = None,
 ) -> Iterator[Server]:
-    """A server of a policy, which listens and has yet to `run`; port 0 is one that is free.
+    """Yields a listening server of a policy, to be started with `run`; port 0 chooses a free one.
 
     A policy is shared by all connections, one call at a time; one that has `reset` belongs to one connection,
-    and the next is refused until it ends. A function without arguments makes each connection its own.
-    `metadata` is what the suite is greeted with. What a policy raises is told to who asked, and ends that
-    connection alone.
+    and others are refused until it ends. A function without arguments makes a policy for each connection.
+    `metadata` is sent as the greeting. An exception of a policy is sent to its client and ends only that
+    connection.
     """
     own = isinstance(policy, type) or not callable(getattr(policy, "infer", None))
     if own and not callable(policy):
@@ -78,7 +78,7 @@ def serving(
                     answer = _answer(mine, message)
                 socket.send(answer)
         except ConnectionClosed:
-            pass  # by a worker that has ended
+            pass  # closed by the client
         except Exception:
             print(shown(traceback.format_exc()), file=sys.stderr)
             _tell(socket, traceback.format_exc())
@@ -86,7 +86,7 @@ def serving(
             if alone:
                 taken.release()
 
-    # Who simulates may not read for minutes; who is gone for longer holds no policy.
+    # A client that simulates may not read for minutes; one that is gone longer releases its policy.
     waits: dict[str, Any] = {"ping_interval": 20, "ping_timeout": 600}
     with listen(converse, host, port, max_size=None, compression=None, **waits) as sockets:
         yield Server(sockets, host)
@@ -98,7 +98,7 @@ def serve(
     port: int = PORT,
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
-    """Serves a policy until it is interrupted, and prints where; arguments as of `serving`."""
+    """Serves a policy until interrupted, and prints the address; arguments as of `serving`."""
     with serving(policy, host, port, metadata) as server:
         print(printable(f"policy server at {server.address}"), flush=True)
         server.run()
@@ -118,7 +118,7 @@ def _answer(policy: Any, message: str | bytes) -> bytes:
 
 
 def _tell(socket: ServerConnection, error: str) -> None:
-    """A text in the place of an answer is an error, as openpi tells of one."""
+    """Sends an error, a text instead of an answer as in openpi, and closes the connection."""
     try:
         socket.send(error)
         socket.close(INTERNAL_ERROR)

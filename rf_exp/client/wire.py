@@ -10,21 +10,21 @@ import msgpack
 import numpy as np
 
 ARRAY, NUMBER = b"__ndarray__", b"__npgeneric__"
-KINDS = "biuf"  # of dtypes that travel: truth values and real numbers
-LONGEST = 2**12  # items of one list or map; arrays travel as bytes, and are no such items
-MOST = 2**16  # items of all lists and maps of a message: each costs many times the byte that announces it
-LARGEST = 2**24  # bytes of an answer; what is larger is no chunk of actions
+KINDS = "biuf"  # permitted kinds of dtypes: booleans and real numbers
+LONGEST = 2**12  # items of one list or map; arrays are sent as bytes and do not count
+MOST = 2**16  # items of all lists and maps of a message: each needs far more memory than its byte there
+LARGEST = 2**24  # bytes of an answer; no chunk of actions is larger
 
 
 def pack(value: Any) -> bytes:
-    """Raises TypeError for what is neither an array of numbers nor something that msgpack knows."""
+    """A value as bytes. Raises TypeError for anything but arrays of numbers and msgpack's own types."""
     packed = msgpack.packb(value, default=_encoded)
     assert packed is not None
     return packed
 
 
 def unpack(data: bytes) -> Any:
-    """What `pack` was given; arrays are new ones. Raises ValueError for anything else, or too much."""
+    """The value of which `pack` made the bytes; arrays are new. Raises ValueError if invalid or too large."""
     items = 0
 
     def counted(found: Any) -> Any:

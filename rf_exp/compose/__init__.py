@@ -1,6 +1,6 @@
-"""A task from a sentence: what it says (`sentence`), where things stand (`layout`), and its two files.
+"""Composes a task from a sentence: its jobs (`sentence`), the layout of the scene (`layout`), its two files.
 
-No language model is needed, and one may word it (`wording`). docs/compose.md.
+A language model is optional: it can reword a sentence (`wording`). docs/compose.md.
 """
 
 from rf_exp.compose.composing import Composed, compose, things_of, written

@@ -1,15 +1,15 @@
-"""A task from a sentence: writes its YAML file and its module, and holds it to the laws of the suite.
+"""Composes a task from a sentence: writes its YAML file and its module, and checks the laws of the suite.
 
 python -m rf_exp.compose "two arms put both cubes into the bowl, the lid goes on last" \\
     objects=[cube,cube,bowl:pot,lid] name=both_in
 
 SENTENCE        what is put where; docs/compose.md has the forms
-objects=[...]   what stands on the table: an asset as `cube`, `red_cube`, or `bowl:pot` with another name
+objects=[...]   objects on the table: an asset as `cube`, `red_cube`, or `bowl:pot` with another name
 name=NAME       of the task; composed unless given
-out=FOLDER      below the current folder, into which both are written; composed unless given
+out=FOLDER      below the current folder, for both files; composed unless given
 episodes=N      scenes in which the expert is tried; 3 unless given, 0 for none
-brain=openai    a language model says the sentence again in those forms: which one is said by `brain.model`,
-                `brain.base_url` and the other keys of conf/brain/openai.yaml
+brain=openai    a language model rewords the sentence in those forms: `brain.model`, `brain.base_url` and
+                the other keys of conf/brain/openai.yaml choose it
 """
 
 import argparse
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def _composed(text: str, given: dict[str, Any], code: str) -> Composed:
-    """The task of a sentence as it is written, or as a model says it again."""
+    """The task of a sentence as it is written, or as a model rewords it."""
 
     def make(sentence: str) -> Composed:
         return compose(sentence, given["objects"], given["name"], code)
@@ -76,7 +76,7 @@ def _composed(text: str, given: dict[str, Any], code: str) -> Composed:
 
 
 def _brain(name: str, options: dict[str, Any]) -> OpenAISpec:
-    """The model that words, from its own keys. Raises ArgumentError for another one, and for unknown keys."""
+    """Specification of the rewording model, from its keys. Raises ArgumentError for other brains and keys."""
     if name not in BRAINS:
         raise choices("brain", name, BRAINS)
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "brain" / f"{name}.yaml"), resolve=False)
@@ -86,7 +86,7 @@ def _brain(name: str, options: dict[str, Any]) -> OpenAISpec:
 
 
 def _read(text: str, keys: list[str]) -> dict[str, Any]:
-    """What the keys say. Raises ArgumentError for a key in place of the sentence, and for unknown keys."""
+    """The values of all keys. Raises ArgumentError for a key in place of the sentence and for wrong keys."""
     for each in (text, *keys):
         if ("=" in each.split(" ")[0]) == (each is text):
             raise ArgumentError(
@@ -113,7 +113,7 @@ def _read(text: str, keys: list[str]) -> dict[str, Any]:
     folder = Path(given["out"]) if isinstance(given["out"], str) else Path("/")
     if folder.is_absolute() or not folder.parts or not all(part.isidentifier() for part in folder.parts):
         raise ArgumentError(f"out is {given['out']!r}; expected a folder below this one, as my_tasks")
-    there = find_spec(folder.parts[0])  # a module of that name would be found in place of what is written
+    there = find_spec(folder.parts[0])  # a module that would hide the written one
     if there is not None and Path.cwd() not in Path(there.origin or Path.cwd() / "here").parents:
         raise ArgumentError(
             f"out is {given['out']!r}, and {folder.parts[0]!r} is a module of Python's; choose another"

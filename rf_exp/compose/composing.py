@@ -1,4 +1,4 @@
-"""The files of a task that a sentence and some things make."""
+"""The files of a task that is composed from a sentence and objects."""
 
 import inspect
 import re
@@ -21,13 +21,13 @@ from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.shared import circle
 
 SUCCESS = {
-    "beside_m": 0.02,  # of a thing from its place
+    "beside_m": 0.02,  # of an object from its place
     "above_m": 0.006,
     "upright_deg": 10.0,
     "still_m_s": 0.05,
     "hold_steps": 5,
 }
-VARIANTS: Mapping[str, Sequence[Mapping[str, Any]]] = {  # what an asset can be besides, the simplest first
+VARIANTS: Mapping[str, Sequence[Mapping[str, Any]]] = {  # other options of an asset, the simplest first
     "pot": ({"spots": 2}, {"closes": True}, {"spots": 2, "closes": True}),
 }
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -65,12 +65,12 @@ def paper(scene: Scene, start: Scene, task: Task) -> bool:
 
 @dataclass(frozen=True)
 class Composed:
-    """A task that was made of a sentence."""
+    """A task composed from a sentence."""
 
     name: str
     text: str  # the sentence
     said: Sentence
-    node: Mapping[str, Any]  # what conf/task/<name>.yaml has below the name
+    node: Mapping[str, Any]  # content of conf/task/<name>.yaml below the name
 
     @property
     def module(self) -> str:
@@ -84,10 +84,10 @@ class Composed:
 
 
 def things_of(objects: Iterable[str]) -> dict[str, Mapping[str, Any]]:
-    """Name -> asset and options of things that are listed as `cube`, `red_cube` or `bowl:pot`.
+    """Name -> asset and options of objects that are listed as `cube`, `red_cube` or `bowl:pot`.
 
-    Several of a kind are told apart by their colours or numbered. Raises ArgumentError for a name that is
-    there twice or is none, and for an asset that does not exist.
+    Several of a kind are distinguished by colour or number. Raises ArgumentError for a name that is used
+    twice or is invalid, and for an asset that does not exist.
     """
     entries = [str(each).strip().casefold() for each in objects]
     known, found = assets.available(), dict[str, Mapping[str, Any]]()
@@ -119,10 +119,10 @@ def _takes(kind: str, option: str) -> bool:
 
 
 def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed:
-    """The task of a sentence. `code` is the full name that its module will have.
+    """The task of a sentence. `code` is the full name of its module.
 
-    Raises ArgumentError for a sentence that is not understood or names what there is not, for things that do
-    not fit together, and for a name that is none.
+    Raises ArgumentError for a sentence that is not understood or names unknown objects, for objects that do
+    not fit together, and for a name that is invalid or taken.
     """
     if not _NAME.fullmatch(name):
         raise ArgumentError(f"name is {name!r}; expected small letters, digits and _")
@@ -152,7 +152,7 @@ def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed
 def _understood(
     text: str, specs: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Sentence, Mapping[str, Mapping[str, Any]]]:
-    """What the sentence says of things as they are, or of the simplest variants of which it says anything."""
+    """The parsed sentence with the objects as given, or with the simplest variants for which it parses."""
     variants = [({}, *VARIANTS.get(each["asset"], ())) for each in specs.values()]
     errors: list[ArgumentError] = []
     for chosen in sorted(product(*variants), key=lambda each: sum(map(len, each))):
@@ -172,7 +172,7 @@ def _built(specs: Mapping[str, Mapping[str, Any]]) -> dict[str, Asset]:
 
 
 def written(composed: Composed, folder: Path) -> tuple[Path, Path]:
-    """Writes the two files below a folder, and gives their paths. Raises ArgumentError where one is there."""
+    """Writes both files below a folder and returns their paths. Raises ArgumentError where others exist."""
     paths = folder / "conf" / "task" / f"{composed.name}.yaml", folder / f"{composed.name}.py"
     contents = dict(zip(paths, (composed.yaml, composed.module), strict=True))
     for path, content in contents.items():

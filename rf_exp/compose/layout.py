@@ -1,4 +1,4 @@
-"""Where robots, things and cameras stand: in a circle about what things are put on. Lengths in m."""
+"""Layout of robots, objects and cameras: a circle about the objects that others are put on. Lengths in m."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,24 +10,24 @@ from rf_exp.errors import ArgumentError
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.shared import circle
 
-BASES_M = (0.6, 0.62, 0.7, 0.72, 0.74, 0.78)  # of the circle in which so many arms stand
-REACHED_M = 0.72  # from a base, of what it is to grasp on the table
-APART_M, JITTER_M = 0.03, 0.015  # between two things at least; by which each starts off its place
-TARGETS_M = 0.28  # between the middles of two things that others are put on
-FOV_DEG = 44.0  # of each arm's camera: things lie nearer to the middle than in families
-HIGHEST_M = 0.3  # over the table, of where something is put: on seven cubes
-STEPS = {"first": 120, "each": 200}  # of the limit
+BASES_M = (0.6, 0.62, 0.7, 0.72, 0.74, 0.78)  # radius of the circle of arms, for 1 to 6 arms
+REACHED_M = 0.72  # largest distance from a base to an object that it grasps
+APART_M, JITTER_M = 0.03, 0.015  # minimum gap of two objects; largest offset of each from its place
+TARGETS_M = 0.28  # between the centres of two objects that others are put on
+FOV_DEG = 44.0  # of each arm's camera: objects are nearer to the centre than in families
+HIGHEST_M = 0.3  # largest height of a place over the table: on seven cubes
+STEPS = {"first": 120, "each": 200}  # of the step limit: base, and per object to move
 
 
 def laid_out(
     said: Sentence, things: Mapping[str, Asset], specs: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Robots, objects, cameras and step_limit of a task. Raises ArgumentError where things do not fit."""
+    """Robots, objects, cameras and step_limit of a task. Raises ArgumentError where objects do not fit."""
     _not_too_high(said, things)
     radius_m = BASES_M[said.arms - 1]
     moved = [job.thing for job in said.jobs]
     fixed = [name for name in things if name not in moved]
-    # What others are put on stands in a row in the middle, before the bases of two arms.
+    # Objects that others are put on form a row in the centre, in front of the bases of two arms.
     objects = {
         name: {**specs[name], "x_m": float((k - (len(fixed) - 1) / 2) * TARGETS_M), "y_m": 0.0}
         for k, name in enumerate(fixed)
@@ -35,7 +35,7 @@ def laid_out(
     widest_m, off_m = max(_half_m(things[name]) for name in moved), 2 * JITTER_M
     room_m = max(_half_m(things[name]) for name in fixed) + widest_m + APART_M + off_m if fixed else 0.0
     around_m = room_m + TARGETS_M * (len(fixed) - 1) / 2
-    # One arm reaches the half of the circle before it.
+    # One arm reaches the half of the circle in front of it.
     span = np.pi if said.arms == 1 else 2 * np.pi
     first = -np.pi + np.pi / (2 * len(moved)) if said.arms == 1 else circle.angle_rad(1, 1) + np.pi / 4
     angles = first + span * np.arange(len(moved)) / len(moved)
@@ -63,7 +63,7 @@ def laid_out(
 
 
 def _not_too_high(said: Sentence, things: Mapping[str, Asset]) -> None:
-    """Raises ArgumentError for what stands higher than arms build."""
+    """Raises ArgumentError for an object that would be put higher than HIGHEST_M."""
     tops_m: dict[str, float] = {}
     for job in said.jobs:
         point = things[job.target].points[job.point].object_from_tcp
@@ -76,5 +76,5 @@ def _not_too_high(said: Sentence, things: Mapping[str, Asset]) -> None:
 
 
 def _half_m(asset: Asset) -> float:
-    """Half of how wide it is, seen from above, at most."""
+    """Upper bound on half the width of an asset, seen from above."""
     return float(np.linalg.norm(np.abs(asset.bounds_m[:, :2]).max(axis=0)))

@@ -1,7 +1,7 @@
-"""From a sentence to jobs: what is put where, in which order, by how many arms.
+"""Parser of sentences into jobs: objects, their targets and order, and the number of arms.
 
-A small grammar, matched and never executed, as that of constraints: a clause is understood whole or refused
-with what is possible.
+A small grammar, matched and never executed, as that of constraints: a clause is understood as a whole or
+refused with the possible forms.
 
     two arms put both cubes into the bowl, the lid goes on last
     three robots put the red cube on the goal, then the blue cube goes onto the red cube
@@ -45,23 +45,23 @@ _SPLIT = re.compile(
 
 @dataclass(frozen=True)
 class Sentence:
-    """What a sentence says."""
+    """A parsed sentence."""
 
     arms: int
     jobs: tuple[Job, ...]
 
 
 def read(text: str, things: Mapping[str, Asset]) -> Sentence:
-    """The jobs of a sentence about things, by their names.
+    """The jobs of a sentence about objects, given by name.
 
-    Raises ArgumentError for a clause that is not understood, a thing that is not there or is one of several,
-    for what cannot be grasped, and for a place that does not exist or is taken.
+    Raises ArgumentError for a clause that is not understood, for an object that is unknown, ambiguous or
+    cannot be grasped, and for a place that does not exist or is taken.
     """
     arms, jobs = 1, list[Job]()
     clauses = list(_clauses(text))
     if not clauses:
         raise ArgumentError(f"the sentence {text!r} says nothing; forms: {'; '.join(FORMS)}")
-    last: list[tuple[str, ...]] = []  # things that come last of all
+    last: list[tuple[str, ...]] = []  # objects that come last of all
     first: list[tuple[str, ...]] = []
     previous: tuple[str, ...] = ()
     for clause, follows in clauses:
@@ -127,7 +127,7 @@ def _arms(said: Mapping[str, str], clause: str) -> int:
 
 
 def _named(what: str, things: Mapping[str, Asset], clause: str) -> tuple[str, ...]:
-    """The things that words stand for: by name, by kind, all of a kind, or several joined by `and`."""
+    """The objects that words stand for: by name, by kind, all of a kind, or several joined by `and`."""
     if " and " in what:
         return tuple(name for part in what.split(" and ") for name in _named(part, things, clause))
     words = what.split()
@@ -147,7 +147,7 @@ def _named(what: str, things: Mapping[str, Asset], clause: str) -> tuple[str, ..
 
 
 def _fitting(words: Sequence[str], things: Mapping[str, Asset]) -> tuple[str, ...]:
-    """The things called so, or of that kind: a `red cube` is one called red_cube, or red_cube_2."""
+    """The objects of that name, else of that kind: a `red cube` is one called red_cube, or red_cube_2."""
     said = [_singular(word) for word in words]
     called = "_".join(said)
     if called in things:
@@ -171,7 +171,7 @@ def _target(
     clause: str,
     names: Sequence[str],
 ) -> str:
-    """Where it is put; without a word where the clause before has put things."""
+    """The target of a clause; by default that of the last job before it."""
     if "target" in said:
         target, *others = _named(said["target"], things, clause)
         if others:
@@ -188,7 +188,7 @@ def _target(
 def _point(
     target: str, things: Mapping[str, Asset], preposition: str, jobs: Sequence[Job], name: str, clause: str
 ) -> str:
-    """The point of the target for one thing more, which is free."""
+    """The first free point of the target for another object."""
     kind, into = ("drop", "into") if preposition in ("into", "inside", "in") else ("place", "on")
     points = [label for label, point in things[target].points.items() if point.kind == kind]
     taken = {job.point: job.thing for job in jobs if job.target == target}
@@ -217,7 +217,7 @@ def _after(job: Job, names: Sequence[str]) -> Job:
 
 
 def _ordered(jobs: Sequence[Job], text: str) -> list[Job]:
-    """Jobs after those that they come after. Raises ArgumentError where that is a circle, or one is twice."""
+    """Jobs in topological order. Raises ArgumentError for a cycle, or for an object with two jobs."""
     names = [job.thing for job in jobs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ArgumentError(f"{text!r} puts {', '.join(twice)} somewhere twice; a thing has one place")

@@ -1,7 +1,7 @@
-"""A free wish said again by a language model, in a sentence that the grammar understands.
+"""Rewording of a free request by a language model, as a sentence that the grammar understands.
 
-The model only words: what the sentence means is read by the grammar, which refuses it as it does a person's.
-What is wrong with it is said to the model, which may try again while its budget of calls lasts.
+The model only rewords: the grammar parses its sentence, and refuses it as it does a person's. The error is
+returned to the model, which may try again while its budget of calls lasts.
 """
 
 from collections.abc import Callable, Iterable
@@ -27,10 +27,10 @@ Made = TypeVar("Made")
 
 
 def worded(wish: str, objects: Iterable[str], chat: Chat, make: Callable[[str], Made]) -> Made:
-    """What `make` gives for the first sentence of the model that it does not refuse with an ArgumentError.
+    """Result of `make` for the first sentence of the model that it does not refuse with an ArgumentError.
 
-    Raises ArgumentError for a wish that is too long, and for objects as `things_of` does, before anything is
-    asked; StageError where the model gives no answer, or none within its budget that is accepted.
+    Raises ArgumentError for a wish that is too long, and for objects as `things_of` does, before any call;
+    StageError where the model gives no answer, or none within its budget that is accepted.
     """
     if len(wish) > LONGEST_WISH:
         raise ArgumentError(f"the sentence has {len(wish)} characters; expected at most {LONGEST_WISH}")

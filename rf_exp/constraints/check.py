@@ -1,4 +1,4 @@
-"""What a check is, how it comes of a statement (paper, section 3.1), and what it answers with."""
+"""Base classes of checks, their compilation from statements (paper, section 3.1), and their evidence."""
 
 import operator
 from abc import ABC, abstractmethod
@@ -21,22 +21,22 @@ from rf_exp.types import Kind, Scene, Subgoal
 
 _CAUSES: Mapping[Kind, Cause] = {"logical": Cause.INTERACTION, "temporal": Cause.TIME, "spatial": Cause.SPACE}
 _COMPARED: Mapping[str, Callable[..., bool]] = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
-CHECKS: dict[type[Statement], type["Check"]] = {}  # of each kind of statement
+CHECKS: dict[type[Statement], type["Check"]] = {}  # kind of statement -> its check
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence(Found):
-    """The answer of a check: never a bare bool."""
+    """Result of a check: never a bare bool."""
 
     ok: bool
 
 
 class Check(ABC):
-    """One compiled constraint. Every kind is a small frozen dataclass, known by being defined."""
+    """One compiled constraint. Every kind is a small frozen dataclass, registered when it is defined."""
 
     states: ClassVar[type[Statement]]  # the kind of statement that it is compiled from
     name: ClassVar[CheckName]  # of the paper's validation function
-    unit: ClassVar[str]  # of value and bound; empty for a share
+    unit: ClassVar[str]  # of value and bound; empty for a fraction
 
     agents: tuple[int, ...]
     text: str  # the constraint as it was stated
@@ -53,9 +53,9 @@ class Check(ABC):
 
     @classmethod
     def compiled(cls, stated: Statement, plans: "Plans") -> Self:
-        """The check of a statement about these plans; what both have under one name is taken over.
+        """The check of a statement about these plans; fields of the same name are copied.
 
-        Raises ArgumentError where it does not fit them.
+        Raises ArgumentError where the statement does not fit the plans.
         """
         make: Callable[..., Self] = cls
         shared = {each: getattr(stated, each) for each in signature(cls).parameters if hasattr(stated, each)}
@@ -64,14 +64,14 @@ class Check(ABC):
 
     @abstractmethod
     def planned(self, plan: Plan) -> Evidence:
-        """The verdict on trajectories and schedule before anything moves."""
+        """The verdict on trajectories and schedule before execution."""
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        """The verdict on the real state at one control step; None when there is nothing to judge now."""
+        """The verdict on the measured state of one control step; None when there is nothing to judge."""
         return None
 
     def rule(self, paths: Paths) -> Rule | None:
-        """What timing has to do about it; None where it can do nothing."""
+        """Its rule for the schedule; None where timing cannot help."""
         return None
 
     @abstractmethod
@@ -81,35 +81,35 @@ class Check(ABC):
     def found(
         self, ok: bool, finding: Finding, value: float, bound: float, time_s: float, **about: Unpack[About]
     ) -> Evidence:
-        """Evidence about its agents, unless others are named; value and bound in its unit."""
+        """Evidence about its agents, unless others are given; value and bound in its unit."""
         facts: About = {"agents": self.agents, **about}
         return Evidence(finding, value, bound, ok=ok, time_s=time_s, **facts)
 
     def idle(self, plan: Plan, bound: float, value: float = 0.0) -> Evidence:
-        """What it answers where nothing in a plan is about it: it holds."""
+        """Evidence where nothing in a plan concerns it: it holds."""
         return self.found(True, Finding.IDLE, value, bound, plan.begins_s)
 
 
 class BoundedCheck(Check):
-    """A check of a number that keeps to one side of its bound, which is another one where it is measured."""
+    """A check of a number against a bound, with separate bounds for planned and measured numbers."""
 
-    finding: ClassVar[Finding]  # that it makes
+    finding: ClassVar[Finding]  # that it reports
     comparison: Comparison = "<="  # of the number with its bound
-    bounds: tuple[float, float]  # of the number as planned, and as measured
-    rounding: ClassVar[float] = 1.0  # by which the bound may be passed
+    bounds: tuple[float, float]  # planned, measured
+    rounding: ClassVar[float] = 1.0  # factor on the bound, for rounding errors
 
     def worst(self, values: NDArray[np.float64]) -> int:
-        """Where numbers (T,) come nearest to their bound, or are farthest beyond it; the first such place."""
+        """Index of the number (T,) that is nearest to the bound, or farthest beyond it; the first one."""
         return int(values.argmax() if self.comparison == "<=" else values.argmin())
 
     def judged(self, value: float, time_s: float, **about: Unpack[About]) -> Evidence:
-        """Evidence of one number, planned unless it is said to be measured."""
+        """Evidence of one number, planned unless `measured` is given."""
         bound = self.bounds[about.get("measured", False)]
         ok = bool(_COMPARED[self.comparison](value, bound * self.rounding))
         return self.found(ok, self.finding, float(value), bound, time_s, **about)
 
     def formula(self, name: str, how: str, when: tuple[str, str] = ("", "")) -> Specification:
-        """Its form: a signal of what is measured, and `when` that speaks; each a name and its meaning."""
+        """Its STL form: a signal of the number, a condition `when` it counts; each a name and a meaning."""
 
         def value(execution: Execution) -> NDArray[np.float64]:
             return np.array([0.0 if each is None else each.value for each in execution.measured(self)])
@@ -143,34 +143,34 @@ def violation(check: Check, evidence: Evidence) -> Violation:
 
 
 class Plans:
-    """The subgoals that a statement is about, and what is wrong where it does not fit."""
+    """Looks up the subgoals that a statement refers to; makes the errors where it does not fit them."""
 
     def __init__(self, task: Task, proposal: Proposal, stated: Statement) -> None:
         self._task, self._proposal, self._stated = task, proposal, stated
 
     def contacts(self, agent: int, name: str) -> list[Subgoal]:
-        """The agent's subgoals that meet an object."""
+        """The agent's subgoals that make contact with an object."""
         mine = self._proposal.of(agent)
         return [each for each in mine if each.object == name and VERBS[each.verb].is_contact]
 
     def carriers(self, name: str) -> tuple[int, ...]:
-        """The agents that have to do with an object; all where none has."""
+        """The agents with subgoals on an object; all agents where none has one."""
         found = dict.fromkeys(each.agent for each in self._proposal.subgoals if each.object == name)
         return tuple(found) or self._task.agents
 
     def step(self, event: Event) -> Step:
-        """The part of a plan that an event is the beginning or the end of; all of it without a verb."""
+        """The part of a plan that an event begins or ends; the whole plan without a verb."""
         if isinstance(event, LiesOn):
             return self._put_down(event)
         planned = [(each.verb, each.object) for each in self._proposal.of(event.agent)]
         if event.verb is None or (event.verb, event.object) in planned:
             return event
         if event.verb == "release" and ("place", event.object) in planned:
-            return Step(event.agent, "place", event.object)  # at the end of which it lets go
+            return Step(event.agent, "place", event.object)  # ends with the release
         raise self.no_subgoal(event.text, event.agent)
 
     def place(self, agent: int, name: str, target: str) -> None:
-        """Raises ArgumentError unless the agent puts that object to that target."""
+        """Raises ArgumentError unless the agent has a subgoal to place the object at the target."""
         wanted = "place", name, target
         if not any((each.verb, each.object, each.target) == wanted for each in self._proposal.of(agent)):
             raise self.no_subgoal(f"{agent_name(agent)}: place {name} to {target}", agent)

@@ -1,7 +1,7 @@
 """RoboChecker: from textual constraints to check code, schedules, verdicts and monitors.
 
 Paper, section 3.1 and supplementary A. The check code is a typed composition of the four validation
-functions; it holds when all of them hold. What a row of the ablation switches off is not checked.
+functions; it holds when all of them hold. Kinds that a row of the ablation switches off are not checked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,11 +24,11 @@ from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory, arm_of
 
-Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
+Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb the agent's whole plan
 
-TRACKING_RAD = 0.15  # beyond the lag
-LOST_STEPS = 4  # control steps without grip before something counts as lost
-_WATCHED: Mapping[Finding, tuple[CheckName, Cause, str]] = {  # who finds it, what it is about, the unit
+TRACKING_RAD = 0.15  # joint error, lag excluded
+LOST_STEPS = 4  # control steps without grip before an object counts as lost
+_WATCHED: Mapping[Finding, tuple[CheckName, Cause, str]] = {  # check, cause, unit
     Finding.PUSHES: (CheckName.COLLISION, Cause.CONTACT, "N"),
     Finding.HIT: (CheckName.COLLISION, Cause.CONTACT, "N"),
     Finding.DROPPED: (CheckName.INTERACTION, Cause.GRIP, "s"),
@@ -55,9 +55,9 @@ def checked_kinds() -> Mapping[type[Statement], type[Check]]:
 
 
 def compiled(stated: Statement, task: Task, proposal: Proposal) -> Check:
-    """The check of a statement about a plan: it speaks of subgoals, objects and points that are there.
+    """The check of a statement, compiled against the subgoals, objects and points of a plan.
 
-    Raises ArgumentError where it does not fit the plan, and TypeError for a kind that has no check.
+    Raises ArgumentError where the statement does not fit the plan, TypeError for a kind that has no check.
     """
     known, kind = stated.known_in(task.vocabulary), CHECKS.get(type(stated))
     if kind is None:
@@ -71,11 +71,11 @@ def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) ->
 
 
 class Monitor:
-    """Watches one execution of a plan."""
+    """Monitor of one execution of a plan: returns the violation in a measured scene, if any."""
 
     def __init__(self, plan: Plan, checks: Sequence[Check]) -> None:
         self._plan, self._checks = plan, checks
-        self._lost: dict[int, int] = {}  # agent -> control steps for which it has not held what it should
+        self._lost: dict[int, int] = {}  # agent -> control steps since it held what it should carry
         self._reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
 
     def __call__(self, scene: Scene) -> Violation | None:
@@ -95,7 +95,7 @@ class Monitor:
         return self._struck(scene, now) or self._dropped(scene, now) or self._strayed(scene)
 
     def _struck(self, scene: Scene, now: Mapping[int, int]) -> Violation | None:
-        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
+        """Arms push each other, or an object outside their segment, so hard that a real arm would stop."""
         plan, reflex_n = self._plan, self._reflex_n
         forces: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
             (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
@@ -115,7 +115,7 @@ class Monitor:
         return _seen(scene, finding, force_n, bound_n, agents=agents, obstacles=things, doing=does)
 
     def _dropped(self, scene: Scene, now: Mapping[int, int]) -> Violation | None:
-        """An agent no longer holds what it should carry."""
+        """An agent no longer holds the object that it should carry."""
         plan = self._plan
         for agent in plan.task.agents:
             position = now[agent]
@@ -130,13 +130,13 @@ class Monitor:
         return None
 
     def _strayed(self, scene: Scene) -> Violation | None:
-        """A measured arm is not where any of its recent commands sent it."""
+        """A measured arm is far from all of its recent joint targets."""
         plan = self._plan
         for trajectory in plan.trajectories:
             agent = trajectory.agent
             recent = plan.recent(agent, scene, TRAILS_STEPS)
             path = arm_of(trajectory.path())
-            targets = path[recent[0] : recent[-1] + 1]  # nobody goes back along a path
+            targets = path[recent[0] : recent[-1] + 1]  # agents only move forward on a path
             error = float(np.abs(targets - scene.qpos[agent - 1, : path.shape[1]]).max(axis=1).min())
             if error > TRACKING_RAD:
                 does = plan.doing((agent,), recent[-1:])
@@ -145,11 +145,11 @@ class Monitor:
 
 
 class PolicyMonitor:
-    """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping.
+    """Monitor of a policy: arms that touch or overlap, nothing else. For counting, not for stopping.
 
-    It judges by the joints as they are, however they are measured.
+    It uses the true joint positions, without measurement errors.
 
-    What a policy is about is unknown, so a gripper, or what it holds, may meet what another one holds.
+    The subgoals of a policy are unknown, so a gripper, or what it holds, may touch what another one holds.
     """
 
     def __init__(self, task: Task) -> None:
@@ -172,7 +172,7 @@ def _seen(scene: Scene, finding: Finding, value: float, bound: float, **about: U
 
 @dataclass(frozen=True, eq=False)
 class CheckedPlan:
-    """A plan, the checks of its row, and what each found before anything moves."""
+    """A plan, the checks of its row, and their evidence before execution."""
 
     plan: Plan
     checks: tuple[Check, ...]
@@ -180,7 +180,7 @@ class CheckedPlan:
 
     @property
     def violations(self) -> list[Violation]:
-        """Of the checks that failed, earliest first."""
+        """The violations of failed checks, earliest first."""
         found = zip(self.checks, self.evidence, strict=True)
         failed = [violation(check, evidence) for check, evidence in found if not evidence.ok]
         return sorted(failed, key=lambda each: each.time_s)
@@ -189,7 +189,7 @@ class CheckedPlan:
         return Monitor(self.plan, self.checks)
 
     def certificate(self) -> dict[str, Any]:
-        """What was checked before execution and with what result; plain JSON values."""
+        """The checks before execution with their results; plain JSON values."""
         timed = self.plan.schedule
         return {
             "row": self.plan.paths.constraint_set.name,
@@ -216,9 +216,9 @@ class CheckedPlan:
 class RoboChecker:
     """Compiles the constraints of a proposal; schedules and checks paths for it under a row of the ablation.
 
-    It keeps nothing of what it has checked. Where spatial constraints are on and the code is silent about an
-    agent, clearance is checked for it all the same. Raises ArgumentError for a constraint that is not
-    understood or does not fit the proposal.
+    It keeps no state between checks. Where spatial constraints are on, clearance is also checked for agents
+    that the code does not mention. Raises ArgumentError for a constraint that is not understood or does not
+    fit the proposal.
     """
 
     def __init__(self, task: Task, proposal: Proposal, constraint_set: ConstraintSet) -> None:
@@ -228,13 +228,13 @@ class RoboChecker:
         self.checks = *self.code.of(constraint_set), *implied
 
     def rules(self, paths: Paths) -> tuple[Rule, ...]:
-        """What the active constraints demand of a schedule, those about time first."""
+        """The rules of the active constraints for a schedule, temporal ones first."""
         in_order = sorted(self.checks, key=lambda check: check.kind != "temporal")
         return tuple(rule for check in in_order if (rule := check.rule(paths)) is not None)
 
     @property
     def lockstep(self) -> frozenset[tuple[frozenset[int], str, str]]:
-        """(agents, verb, object) that must be one motion: simultaneous, and active in this row."""
+        """(agents, verb, object) of simultaneous subgoals active in this row, which must be one motion."""
         return frozenset(
             (frozenset(check.agents), check.steps[0].verb, check.steps[0].object)
             for check in self.checks
@@ -243,7 +243,7 @@ class RoboChecker:
 
     @property
     def speeds_m_s(self) -> dict[int, float]:
-        """Agent -> the speed that its gripper may have at most, where it has a limit in this row."""
+        """Agent -> maximum speed of its gripper, for agents with a limit in this row."""
         found: dict[int, float] = {}
         for check in self.checks:
             if isinstance(check, SpeedLimitCheck):
@@ -252,7 +252,7 @@ class RoboChecker:
 
     @property
     def order(self) -> tuple[tuple[Part, Part], ...]:
-        """(first, then) of the sequences that are active in this row."""
+        """(first, then) of the orders that are active in this row."""
         orders = [check.steps for check in self.checks if isinstance(check, BeforeCheck)]
         return tuple((astuple(first), astuple(then)) for first, then in orders)
 
@@ -268,9 +268,9 @@ class RoboChecker:
         turns: Sequence[Subgoal] | None = None,
         also: Sequence[Rule] = (),
     ) -> Schedule | Violation:
-        """When everybody moves: the shortest schedule with a model of time, `turns` without one.
+        """The shortest schedule where temporal constraints are on, otherwise one in which agents take turns.
 
-        Turns are taken in the order of the proposal unless given. `also` are rules beside those of the code.
+        Turns follow the order of the proposal unless given. `also` are rules besides those of the code.
         """
         trajectories = paths.trajectories
         if not self._constraint_set.temporal:
@@ -281,13 +281,13 @@ class RoboChecker:
         return schedule(trajectories, diagrams, rules, delays, begins_s=paths.scene.time_s)
 
     def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
-        """All checks on a plan before anything moves."""
+        """All checks on a plan before execution."""
         plan = Plan(paths, timed)
         return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
 
 
 def _implied(task: Task, checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Clearance checks for what the code is silent about."""
+    """Clearance checks for pairs and agents that the code does not mention."""
     pairs = {pair for check in checks if isinstance(check, AvoidAgentsCheck) for pair in check.pairs(task)}
     watched = {agent for check in checks if isinstance(check, AvoidObjectsCheck) for agent in check.agents}
     silent = tuple(agent for agent in task.agents if agent not in watched)

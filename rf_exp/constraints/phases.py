@@ -1,4 +1,4 @@
-"""When parts of plans begin and end: on paths, by the clock, as signals, and what checks of it share."""
+"""Beginning and end of parts of plans: as path positions, times and signals; base of checks on them."""
 
 from abc import abstractmethod
 from typing import Literal, Self
@@ -25,7 +25,7 @@ def span(step: Step, trajectory: Trajectory) -> tuple[int, int] | None:
 
 
 def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
-    """When a part makes its first step and when it has made its last, since the start of the plan."""
+    """Times of a part's first and last step since the start of the plan; None where the plan lacks it."""
     part, positions = span(step, plan.trajectory(step.agent)), plan.positions(step.agent)
     if part is None:
         return None
@@ -34,7 +34,7 @@ def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
 
 
 class TimedCheck(Check):
-    """A check of when parts of plans begin and end, by the commands given. Value and bound in seconds.
+    """A check of the times at which commanded parts of plans begin and end. Value and bound in seconds.
 
     Paper: Trajectory Scheduling Validation.
     """
@@ -52,30 +52,30 @@ class TimedCheck(Check):
 
     @abstractmethod
     def demand(self, demands: Demands) -> None:
-        """What it forbids a schedule."""
+        """Adds what it forbids to the demands on a schedule."""
 
     def spans(self, demands: Demands) -> list[tuple[int, int, int]]:
-        """Of its parts that are there the agent, and the first and last path position."""
+        """(agent, first path position, last one) of its parts that the plan has."""
         found = [(step.agent, span(step, demands.trajectory(step.agent))) for step in self.steps]
         return [(agent, *positions) for agent, positions in found if positions is not None]
 
     def times_s(self, plan: Plan) -> list[tuple[float, float]]:
-        """When its parts that are there begin and end, since the start of the plan."""
+        """Beginning and end of its parts that the plan has, since the start of the plan."""
         found = [times_s(step, plan) for step in self.steps]
         return [each for each in found if each is not None]
 
 
 def steps_within(within_s: float) -> int:
-    """The control steps of a time that is not to be exceeded."""
+    """The largest number of control steps within a time."""
     return int(min(within_s, 1e6) * CONTROL_HZ + 1e-9)
 
 
 def since(step: Step, edge: Literal["begin", "end"]) -> Signal:
-    """The time in s since a part has made its first step or its last one; negative before it."""
+    """Signal of the time in s since the first or the last step of a part; negative before it."""
 
     def since_s(execution: Execution) -> NDArray[np.float64]:
         times = times_s(step, execution.plan)
-        if times is None:  # what does not move is in nobody's way
+        if times is None:  # a part that is not in the plan violates nothing
             return np.full(len(execution), VOID)
         return execution.clock_s - times[edge == "end"]
 
@@ -94,7 +94,7 @@ def begun(step: Step) -> Signal:
 
 
 def step_parts(step: Step) -> tuple[object, ...]:
-    """The parts of the name of a signal about a step."""
+    """Parts of the name of a signal about a step."""
     return step.agent, *(part for part in (step.verb, step.object) if part)
 
 

@@ -1,4 +1,4 @@
-"""What is about to be executed: the paths of all agents, and with a schedule a plan."""
+"""Paths of all agents before execution, and plans: paths with a schedule."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -34,18 +34,18 @@ from rf_exp.types import (
     gripper_of,
 )
 
-MEASURED_M = 0.02  # that a measured gripper may be beside the planned one
-FINER = 8  # steps of the second look in one control step
+MEASURED_M = 0.02  # tolerance of a measured gripper position
+FINER = 8  # positions per control step on finer paths
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Where agents are about to go from `scene` on, without when: what schedules are made for."""
+    """Paths of all agents from `scene` on, without timing: the input of scheduling."""
 
     task: Task
     constraint_set: ConstraintSet
     scene: Scene
-    trajectories: tuple[Trajectory, ...]  # one an agent, in the order of the agents
+    trajectories: tuple[Trajectory, ...]  # one per agent, in order
 
     @cached_property
     def planning_scene(self) -> PlanningScene:
@@ -53,7 +53,7 @@ class Paths:
 
     @cached_property
     def swept(self) -> tuple[Swept, ...]:
-        """Every agent along its trajectory with what it moves."""
+        """Each agent along its trajectory, with the objects that it moves."""
         return tuple(self.planning_scene.along(trajectory) for trajectory in self.trajectories)
 
     @cached_property
@@ -66,7 +66,7 @@ class Paths:
 
     @cached_property
     def still(self) -> tuple[Swept, ...]:
-        """For each agent what nobody moves: the objects, or as far as cameras have looked what they see."""
+        """Static obstacles of each agent: the objects, or what cameras see where the scene has `seen`."""
         if self.scene.seen is None:
             return (self.planning_scene.standing(),) * len(self.trajectories)
         seen, moved, found = Seen(self.planning_scene), self.planning_scene.moved, []
@@ -79,10 +79,10 @@ class Paths:
 
     @cached_property
     def blocked(self) -> tuple[Mask, ...]:
-        """(P,) for each agent: too close to something that nobody moves, or in the table.
+        """(P,) for each agent: too close to a static obstacle, or in the table.
 
-        Between two positions a fast arm may move further than a gap is wide, so what the bound on the
-        motion flags gets a second look at a path of finer steps.
+        Between two positions a fast arm may move further than a gap is wide, so positions that the bound
+        on the motion flags are checked again on a finer path.
         """
         found = []
         for trajectory, body, still in zip(self.trajectories, self.swept, self.still, strict=True):
@@ -94,7 +94,7 @@ class Paths:
         return tuple(found)
 
     def finer(self, agent: int) -> Swept:
-        """An agent along its trajectory with FINER positions for each one."""
+        """An agent along its trajectory, with FINER positions for each path position."""
         return self.planning_scene.along(_finer(self.trajectory(agent)))
 
     @staticmethod
@@ -112,14 +112,14 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Paths with a schedule, who is where at which control step: the frame of every check."""
+    """Paths with a schedule: the position of each agent at each control step. Input of every check."""
 
     paths: Paths
     schedule: Schedule
 
     @cached_property
     def separation(self) -> Separation:
-        """Of the arms while the plan is carried out."""
+        """Separation of the arms during execution."""
         return Separation(self.task)
 
     @property
@@ -143,11 +143,11 @@ class Plan:
 
     @property
     def begins_s(self) -> float:
-        """When it begins, on the clock of the episode."""
+        """Start of the plan, on the clock of the episode."""
         return self.scene.time_s
 
     def carried(self, segment: Segment, rows: slice | int = slice(None)) -> NDArray[np.float64]:
-        """(..., 4, 4) world_from_object of what a segment carries, at all of its steps (T,) or at some."""
+        """(..., 4, 4) world_from_object of a segment's attached object, at all steps (T,) or at `rows`."""
         tcp = self.task.arms[segment.agent].tcp(segment.qpos[rows])
         return self.planning_scene.attached(segment, tcp, rows)
 
@@ -160,11 +160,11 @@ class Plan:
         return self.schedule.positions[:, agent - 1]
 
     def position_now(self, agent: int, scene: Scene) -> int:
-        """Path position that the agent was sent to in the step before this scene was measured."""
+        """Path position commanded to the agent in the step before this scene was measured."""
         return int(self.recent(agent, scene)[-1])
 
     def recent(self, agent: int, scene: Scene, before: int = 0) -> NDArray[np.int64]:
-        """(1 to before + 1,) path positions of an agent at that step, and at so many before it."""
+        """(1 to before + 1,) path positions of an agent at that step and at the `before` steps before it."""
         positions, now = self.positions(agent), scene.step - self.scene.step
         first, last = (min(max(step, 0), len(positions) - 1) for step in (now - before, now))
         return positions[first : last + 1]
@@ -175,21 +175,21 @@ class Plan:
         return int(np.flatnonzero(np.all(there, axis=0))[0])
 
     def step_s(self, step: int) -> float:
-        """When a control step is over, on the clock of the episode."""
+        """End of a control step, on the clock of the episode."""
         return self.begins_s + step * CONTROL_DT_S
 
     def time_s(self, agent: int, position: int) -> float:
-        """When an agent first is at a path position, on the clock of the episode."""
+        """Time at which an agent first is at a path position, on the clock of the episode."""
         return self.step_s(int(np.searchsorted(self.positions(agent), position)))
 
     def doing(self, agents: Iterable[int], positions: Iterable[int]) -> tuple[Doing | None, ...]:
-        """What each of these agents is about at its path position."""
+        """Activity of each of these agents at its path position."""
         pairs = zip(map(self.trajectory, agents), positions, strict=True)
         return tuple(doing(trajectory.segment_at(int(position))) for trajectory, position in pairs)
 
 
 def resampled(segment: Segment, path: NDArray[np.float64], at: NDArray[np.float64]) -> Segment:
-    """The same motion at positions `at` (T,) of its own path (len + 1, dof + 1), straight between these."""
+    """The same motion at positions `at` (T,) of its own path (len + 1, dof + 1), linearly interpolated."""
     rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
     opened_rad = segment.opened_rad
     if opened_rad is not None:
@@ -198,7 +198,7 @@ def resampled(segment: Segment, path: NDArray[np.float64], at: NDArray[np.float6
 
 
 def _finer(trajectory: Trajectory) -> Trajectory:
-    """The same motion with FINER path positions for each one."""
+    """The same motion with FINER positions for each path position."""
     path, segments = trajectory.path(), []
     for segment, start, end in trajectory.intervals:
         at = np.arange(1, FINER * len(segment) + 1) / FINER

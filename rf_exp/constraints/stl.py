@@ -1,14 +1,14 @@
-"""The checks as signal temporal logic (STL): formulas, and what rtamt says of an execution.
+"""Checks in signal temporal logic (STL): formulas, and their robustness on an execution, by rtamt.
 
 A check becomes formulas over named signals of an execution: one sample for each control step that the monitor
 has judged, at 20 Hz. Discrete time is exact, because the monitor judges these steps and nothing between them.
-The text is in the specification language of rtamt. A formula speaks of one unit, so that its robustness is a
-margin in that unit; a check with numbers in several units, or with margins that tell nothing of one another,
-has several formulas, and holds when all of them do.
+The text is in the specification language of rtamt. A formula has one unit, so that its robustness is a margin
+in that unit; a check with numbers in several units, or with unrelated margins, has several formulas, and
+holds when all of them do.
 
 A condition ("while Agent_1 holds lid") is VOID where it is true and -VOID where not: more than any margin, so
 the robustness of `always (condition implies margin)` is the least margin, or VOID where nothing was judged.
-Every check has its form (`Check.stl`). rtamt is an extra: it is imported once something is to be judged.
+Every check has an STL form (`Check.stl`). rtamt is an optional dependency, imported at the first evaluation.
 """
 
 import io
@@ -29,8 +29,8 @@ from rf_exp.types import CONTROL_DT_S, Scene
 if TYPE_CHECKING:
     from rf_exp.constraints.check import Check, Evidence
 
-VOID = 1e9  # in any unit: no margin is as large
-CLOCK_S = 1e-9  # by which the checks of time let clocks differ
+VOID = 1e9  # in any unit, larger than any margin
+CLOCK_S = 1e-9  # tolerance of the checks of time
 Comparison = Literal["<=", ">=", ">"]
 
 
@@ -48,21 +48,21 @@ class Execution:
 
     @property
     def clock_s(self) -> NDArray[np.float64]:
-        """(T,) since the plan began."""
+        """(T,) time since the start of the plan."""
         return np.arange(1, len(self) + 1, dtype=float) * CONTROL_DT_S
 
     def positions(self, agent: int) -> NDArray[np.int64]:
-        """(T,) path position that the agent was sent to in each control step."""
+        """(T,) path position commanded to the agent in each control step."""
         return self.plan.positions(agent)[1 : len(self) + 1]
 
     def measured(self, check: "Check") -> "list[Evidence | None]":
-        """(T,) what the check says of the real state at each control step."""
+        """(T,) evidence of the check on the measured state of each control step."""
         if check not in self._evidence:
             self._evidence[check] = [check.measured(scene, self.plan) for scene in self.scenes]
         return self._evidence[check]
 
     def values(self, signal: "Signal") -> NDArray[np.float64]:
-        """(T,) of a signal."""
+        """(T,) values of a signal."""
         if signal.name not in self._values:
             self._values[signal.name] = signal.of(self)
         return self._values[signal.name]
@@ -70,11 +70,11 @@ class Execution:
 
 @dataclass(frozen=True)
 class Signal:
-    """A number at every control step of an execution. The same name is the same number."""
+    """A number at every control step of an execution. Signals of the same name are the same."""
 
     name: str  # an identifier
     unit: str  # empty for a condition, which is VOID where it is true and -VOID where not
-    how: str  # it is computed from what was recorded
+    how: str  # it is computed from the recording
     of: Callable[[Execution], NDArray[np.float64]]  # (T,)
 
 
@@ -93,12 +93,12 @@ class Specification:
 
     formulas: tuple[Formula, ...] = ()
     signals: tuple[Signal, ...] = ()
-    measured: bool = True  # False: the check judges the plan alone, so its signals are of what was commanded
+    measured: bool = True  # False: the check judges the plan alone, so its signals are of the commands
     silent: str = ""
 
 
 def always(margins: Sequence[str], unit: str, *when: Signal, strict: bool = False) -> Formula:
-    """All margins, such as `distance_1_2 >= 0.03`, at every control step at which the conditions hold."""
+    """Formula that all margins, such as `distance_1_2 >= 0.03`, hold whenever the conditions do."""
     body = _all(margins)
     if when:
         body = f"({_all([f'{each.name} >= 0' for each in when])}) implies ({body})"
@@ -110,7 +110,7 @@ def _all(parts: Sequence[str]) -> str:
 
 
 def condition(holds: Iterable[bool] | NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(T,) of a condition."""
+    """(T,) values of a condition: VOID or -VOID."""
     return np.where(np.asarray(tuple(holds), dtype=bool), VOID, -VOID)
 
 
@@ -122,7 +122,7 @@ def named(*parts: object) -> str:
 
 @dataclass(frozen=True)
 class Robust:
-    """A formula with what an execution makes of it."""
+    """A formula with its robustness on an execution."""
 
     formula: Formula
     robustness: float  # in the formula's unit; VOID: nothing was judged
@@ -137,7 +137,7 @@ class Robust:
 
 
 def judged(execution: Execution, check: "Check") -> tuple[Robust, ...]:
-    """Each formula of a check. Raises ArgumentError where rtamt is not installed."""
+    """Robustness of each formula of a check. Raises ArgumentError where rtamt is not installed."""
     form = check.stl(execution.plan.task)
     if not len(execution):
         return tuple(Robust(formula, VOID) for formula in form.formulas)
@@ -150,7 +150,7 @@ def installed() -> bool:
 
 
 def evaluated(text: str, signals: dict[str, list[float]]) -> float:
-    """What rtamt gives for a formula and signals (T,), T > 0, at their first sample."""
+    """Robustness of a formula for signals (T,), T > 0, at their first sample, by rtamt."""
     if not installed():
         raise ArgumentError(
             "robustness needs rtamt, which is not installed; pip install 'rf_exp[stl]' brings it"
@@ -161,10 +161,10 @@ def evaluated(text: str, signals: dict[str, list[float]]) -> float:
     for name in ("robustness", *signals):
         specification.declare_var(name, "float")
     specification.spec = f"robustness = {text}"
-    with redirect_stdout(io.StringIO()):  # its parser says that it was made by another version of antlr
+    with redirect_stdout(io.StringIO()):  # its parser reports another version of antlr
         specification.parse()
     steps = max(map(len, signals.values()))
-    if steps == 1:  # rtamt asks for two samples; an invariant does not mind one twice
+    if steps == 1:  # rtamt needs two samples; repeating one does not change an invariant
         signals, steps = {name: each * 2 for name, each in signals.items()}, 2
     return specification.evaluate({"time": list(range(steps)), **signals})[0][1]
 
@@ -172,7 +172,7 @@ def evaluated(text: str, signals: dict[str, list[float]]) -> float:
 def kept(execution: Execution, check: "Check") -> bool | None:
     """The verdict of the monitor on an execution, without STL.
 
-    None: the check judges the plan alone, and the violation that it found comes after the execution's end.
+    None: the check judges the plan alone, and its violation is after the end of the execution.
     """
     if check.stl(execution.plan.task).measured:
         return all(each is None or each.ok for each in execution.measured(check))

@@ -1,8 +1,8 @@
-"""When who moves: the shortest schedule of agents on fixed paths, which keeps what is asked of it.
+"""Coordination of agents: shortest schedules on fixed paths under constraints, and assignment of jobs.
 
-`Demands` are cells of coordination diagrams; `schedule` finds a proven shortest schedule, or says as a
-violation why there is none; `sequential` lets agents take turns. `assign` says who does what, before there
-are paths.
+`Demands` are cells of coordination diagrams; `schedule` finds a proven shortest schedule, or returns a
+violation that says why there is none; `sequential` lets agents take turns. `assign` gives jobs to agents,
+before there are paths.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
-"""Who does what: jobs to agents, so that the one with most to do has as little as can be.
+"""Assignment of jobs to agents that minimises the largest load.
 
-The least largest load of unrelated machines (R || Cmax in the notation of Graham et al. 1979), as a
-mixed-integer program of HiGHS (`scipy.optimize.milp`), which proves its answer or says how far it may be off.
+This is the makespan of unrelated machines (R || Cmax in the notation of Graham et al. 1979), solved as a
+mixed-integer program by HiGHS (`scipy.optimize.milp`), which proves its answer or bounds its error.
 """
 
 from dataclasses import dataclass
@@ -11,34 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-NODES = 500  # of a search, which is counted and not timed: the answer is the same on every machine
-UNIT_S = 1e-3  # in which time is counted
-NEAR = 1e-3  # of a unit: differences that say nothing
+NODES = 500  # limit of the search; with no time limit, the answer is the same on every machine
+UNIT_S = 1e-3  # resolution of time
+NEAR = 1e-3  # tolerance, in units
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """Jobs that have been given to agents."""
+    """Assignment of jobs to agents."""
 
     agents: tuple[int, ...]  # of each job, from 0
-    largest_s: float  # load of the agent that has most to do
-    bound_s: float  # that of no assignment is smaller, proven
+    largest_s: float  # largest load of an agent
+    bound_s: float  # proven lower bound on the largest load
 
     @property
     def optimal(self) -> bool:
-        """Whether it is proven that none has a smaller largest load."""
+        """Whether the largest load is proven to be minimal."""
         return self.largest_s <= self.bound_s + UNIT_S * NEAR
 
 
 def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
-    """Agents for all jobs, or None where one can be done by nobody.
+    """Agents for all jobs, or None where no agent can do one of them.
 
-    `takes_s` (J, N) is how long each job takes each agent, infinite where it cannot; `has_s` (N,) what each
-    has to do besides, nothing unless given. Both are rounded to milliseconds: estimates are no better, and
-    whole numbers are exact. Of assignments with the least largest load it is one with the least work of all
-    agents together.
+    `takes_s` (J, N) is the duration of each job for each agent, infinite where it cannot; `has_s` (N,) other
+    load of each agent, by default 0. Both are rounded to milliseconds: estimates are no better, and whole
+    numbers are exact. Of the assignments with the least largest load, one with the least total load.
     """
     jobs, agents = takes_s.shape
     takes, has = np.round(takes_s / UNIT_S), np.round((np.zeros(agents) if has_s is None else has_s) / UNIT_S)
@@ -48,7 +47,7 @@ def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
     if not jobs:
         return Assignment((), float(has.max() * UNIT_S), float(has.max() * UNIT_S))
     cost = np.where(can, takes, 0.0)
-    # Unknowns: whether job j goes to agent n, all n of a job side by side, and the largest load.
+    # Unknowns: whether job j goes to agent n, row by row of (J, N), and the largest load.
     once = np.kron(np.eye(jobs), np.ones(agents))  # (J, J * N)
     loads = np.concatenate([np.diag(row) for row in cost], axis=1)  # (N, J * N)
     largest_load = np.append(np.zeros(jobs), -np.ones(agents))
@@ -57,7 +56,7 @@ def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
     rules = LinearConstraint(np.column_stack([np.vstack([once, loads]), largest_load]), lowest, highest)
 
     def searched(weights: Floats, most: float) -> tuple[NDArray[np.int64] | None, float]:
-        """The best (J,) agents that were found with loads up to `most`, and the proven bound."""
+        """The best (J,) agents found with loads up to `most`, and the proven bound."""
         upper: Any = np.append(can.ravel(), most)
         found = milp(
             c=weights,
@@ -84,14 +83,14 @@ def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
 
 
 def load_s(takes_s: Floats, chosen: NDArray[np.integer], has_s: Floats) -> Floats:
-    """(N,) what each agent has to do when jobs go to `chosen` (J,)."""
+    """(N,) load of each agent when jobs go to `chosen` (J,)."""
     loads_s = has_s.copy()
     np.add.at(loads_s, chosen, takes_s[np.arange(len(chosen)), chosen])
     return loads_s
 
 
 def greedy(takes_s: Floats, has_s: Floats) -> NDArray[np.int64]:
-    """(J,) agents: the longest job first, each to the one that is then done soonest."""
+    """(J,) agents: the longest job first, each to the agent that then finishes soonest."""
     loads_s, chosen = has_s.copy(), np.zeros(len(takes_s), np.int64)
     for job in np.argsort(-takes_s.min(axis=1), kind="stable"):
         chosen[job] = int((loads_s + takes_s[job]).argmin())

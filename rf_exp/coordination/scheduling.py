@@ -1,8 +1,8 @@
-"""From rest-to-rest trajectories to a schedule: who is where at which control step, or why there is none.
+"""Scheduling of rest-to-rest trajectories: path positions at every control step, or why there are none.
 
-What is asked of it becomes cells of coordination diagrams, dwells and deadlines (`Demands`), which one exact
-search serves (`search.solve`). Agents wait only at knots, where they stand still anyway, so the motion of
-a schedule has the accelerations of its trajectories.
+Rules become cells of coordination diagrams, dwells and deadlines (`Demands`), which one exact search obeys
+(`search.solve`). Agents wait only at knots, where they are at rest anyway, so the motion of a schedule has
+the accelerations of its trajectories.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -24,7 +24,7 @@ from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory, arm_of, doing
 
 
 class Rule(Protocol):
-    """A constraint on time that knows what it asks of a schedule."""
+    """A constraint on schedules."""
 
     def demand(self, demands: "Demands") -> None:
         """Add what this constraint forbids."""
@@ -33,24 +33,24 @@ class Rule(Protocol):
 
 @dataclass(frozen=True)
 class Closing:
-    """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
+    """Rule that forbids pairs of path positions, e.g. in a zone while another agent's progress closes it."""
 
     pair: tuple[int, int]  # (a, b)
-    cells: Mask  # (P_a, P_b) path positions that may not be at the same time
+    cells: Mask  # (P_a, P_b) path positions that are forbidden at the same time
 
     def demand(self, demands: "Demands") -> None:
         demands.of(*self.pair)[self.cells] = True
 
 
 class Demands:
-    """What the rules ask of a schedule of trajectories. Agents from 1; positions on their paths."""
+    """Demands of the rules on a schedule of trajectories. Agents from 1; positions on their paths."""
 
     def __init__(self, trajectories: Sequence[Trajectory], rules: Sequence[Rule] = ()) -> None:
         self.trajectories = tuple(trajectories)
         self.cells: dict[tuple[int, int], Mask] = {}
         self.dwells: dict[tuple[int, int], int] = {}  # (agent, position) -> steps to stay there
         self.after_dwell: list[tuple[int, int, int, int, bool]] = []
-        self.deadlines: list[tuple[int, int, int]] = []  # (agent, position, steps) reached at the latest then
+        self.deadlines: list[tuple[int, int, int]] = []  # (agent, position, latest step to reach it)
         for rule in rules:
             rule.demand(self)
 
@@ -62,7 +62,7 @@ class Demands:
         return len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1
 
     def of(self, a: int, b: int) -> Mask:
-        """(P_a, P_b) positions at which two agents may not be at the same time, to be added to."""
+        """(P_a, P_b) forbidden pairs of positions of two agents; a view, to be modified."""
         i, j = sorted((a, b))
         mask = self.cells.setdefault((i, j), np.zeros(self.shape(i, j), dtype=bool))
         return mask if a < b else mask.T
@@ -74,7 +74,7 @@ class Demands:
     def together(self, a: int, start_a: int, b: int, start_b: int, within_steps: int) -> None:
         """a and b leave their positions at most `within_steps` apart.
 
-        Counted in positions, so the bound is cut to the length of the first segments: there nobody waits.
+        Counted in positions, so the bound is cut to the length of the first segments: no agent waits there.
         """
         for first, start, other, other_start in ((a, start_a, b, start_b), (b, start_b, a, start_a)):
             knots = self.trajectory(first).knots
@@ -103,10 +103,10 @@ class Demands:
 
 @dataclass(frozen=True)
 class Delays:
-    """How much a schedule forgives, and how much later than the shortest it is on purpose."""
+    """Tolerance of a schedule to late agents, and deliberate pauses in it."""
 
-    slack_steps: int  # by which any one agent may be late without meeting another
-    pauses: Mapping[tuple[int, int], int]  # (agent, knot) -> steps it stays there at least
+    slack_steps: int  # by which any one agent may be late without coming too close to another
+    pauses: Mapping[tuple[int, int], int]  # (agent, knot) -> minimum steps to stay there
 
 
 def schedule(
@@ -121,8 +121,8 @@ def schedule(
     """The shortest schedule of all agents that obeys diagrams, rules and joined segments, with `delays`.
 
     `diagrams[i, j]` (i < j, agents from 1) forbids pairs of path positions. The schedule begins at
-    `begins_s`, in seconds since the start of the episode. Where none exists, a Violation says which pair
-    cannot pass each other, or what else is in the way. Raises ArgumentError for trajectories that are not
+    `begins_s`, in seconds since the start of the episode. Where none is found, a Violation says which pair
+    cannot pass each other, or what else is the reason. Raises ArgumentError for trajectories that are not
     those of agents 1 to N, or for diagrams of another shape.
     """
     _agents(trajectories)
@@ -168,7 +168,7 @@ def _joint_runs(trajectories: Sequence[Trajectory]) -> list[tuple[str, list[tupl
 
 
 def _joined(demands: Demands, pair: tuple[int, int]) -> Mask:
-    """Positions at which two agents carry one thing: neither can be late alone."""
+    """Pairs of positions in joined segments of two agents: neither can be late alone."""
     i, j = pair
     found = np.zeros(demands.shape(i, j), dtype=bool)
     for _, runs in _joint_runs(demands.trajectories):
@@ -184,14 +184,14 @@ def _problem(
     apart: Mapping[tuple[int, int], Mask],
     slack: int,
 ) -> tuple[search.Problem, tuple[NDArray[np.int64], ...]]:
-    """The search problem, in which dwells are extra positions, and the real position of each of them."""
+    """The search problem, in which dwells are extra positions, and the path position of each position."""
     real, knots = [], []
     for trajectory in demands.trajectories:
         repeats = np.ones(len(trajectory) + 1, dtype=int)
         for (agent, position), steps in demands.dwells.items():
             if agent == trajectory.agent:
                 repeats[position] += steps
-        last = np.cumsum(repeats) - 1  # where each real position is left
+        last = np.cumsum(repeats) - 1  # last problem position of each path position
         first = last - repeats + 1
         real.append(np.repeat(np.arange(len(repeats)), repeats))
         knots.append(frozenset(int(at) for knot in trajectory.knots for at in (first[knot], last[knot])))
@@ -218,9 +218,9 @@ def _problem(
 
 
 def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
-    """Sequential execution, subgoal by subgoal in the order of the plan: without a model of time."""
+    """Schedule of one subgoal after another, in the order of the plan: without temporal constraints."""
     _agents(trajectories)
-    # Who moves without being named in the plan yields to those who are: that comes first.
+    # Agents that move without a subgoal in the plan make way for the others: they move first.
     turns = [(each.agent, len(each)) for each in trajectories if not proposal.of(each.agent)]  # agent, steps
     waiting = {  # agent -> subgoals and the steps of each
         each.agent: [
@@ -234,9 +234,9 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
         runs = waiting.get(subgoal.agent, [])
         if runs and runs[0][0] == subgoal:
             turns.append((subgoal.agent, runs.pop(0)[1]))
-        while runs and runs[0][0] not in proposal.subgoals:  # what the planner has added belongs to it
+        while runs and runs[0][0] not in proposal.subgoals:  # added by the planner for it
             turns.append((subgoal.agent, runs.pop(0)[1]))
-    for agent, runs in waiting.items():  # what the plan does not name comes last
+    for agent, runs in waiting.items():  # subgoals that are not in the plan come last
         turns += [(agent, steps) for _, steps in runs]
     movers, steps = np.array(turns, dtype=np.int64).reshape(-1, 2).T
     moves = np.repeat(movers, steps)[:, None] == [trajectory.agent for trajectory in trajectories]  # (T, N)
@@ -245,7 +245,7 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
 
 
 def alike(paths: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """Paths (P, A) of arms of different sizes: zeros for the joints that one lacks, before its gripper."""
+    """Paths (P, A) of arms with different numbers of joints, padded with zeros before the gripper."""
     size = max(path.shape[1] for path in paths)
     lacks = (np.zeros((len(path), size - path.shape[1])) for path in paths)
     return [np.hstack([path[:, :-1], zeros, path[:, -1:]]) for path, zeros in zip(paths, lacks, strict=True)]
@@ -259,10 +259,10 @@ def actions(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.f
 
 
 def intended(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.float64]:
-    """(T, N, A) as `actions`, but an agent that hesitates means to go on.
+    """(T, N, A) as `actions`, but an agent that hesitates has the next position of its path as its action.
 
-    In the step before it does its arm is meant to be where it stands. Motion begins at rest there; from one
-    position further on it would have to be half as steep again as the limits of its path to keep up with it.
+    In its last hesitating step the joint target is the present position: motion begins there at rest, and
+    from one position further on it would have to exceed the limits of its path by half to keep up with it.
     """
     found = actions(trajectories, timed)
     if timed.hesitates is None:
@@ -301,7 +301,7 @@ def hesitates(
     asked: Collection[tuple[int, int]],
     slack: int,
 ) -> NDArray[np.bool_]:
-    """(T + 1, N) who stays though it could go on, but for dwells that were asked for."""
+    """(T + 1, N) whether an agent stays though it could go on, except for dwells that are `asked` for."""
     forbidden = {pair: demands.cells.get(pair, False) | mask for pair, mask in diagrams.items()}
     forbidden = {**demands.cells, **forbidden}
     found = np.zeros(positions.shape, dtype=bool)
@@ -309,11 +309,11 @@ def hesitates(
     def free_from(agent: int, start: int, end: int, knot: int) -> int:
         """The first step of a stay (start, end) from which on an agent could have gone on to its next knot.
 
-        As the others are then, and up to `slack` steps earlier or later. It waits at that knot until the
-        schedule has it there.
+        The others move as scheduled, and up to `slack` steps earlier or later. The agent waits at that knot
+        until the schedule reaches it.
         """
         own = positions[:, agent - 1]
-        until = int(np.searchsorted(own, knot))  # the step at which the schedule has it there
+        until = int(np.searchsorted(own, knot))  # the step at which the schedule reaches the knot
         others = [(mask, j) for (i, j), mask in forbidden.items() if i == agent]
         others += [(mask.T, i) for (i, j), mask in forbidden.items() if j == agent]
         for leaves in range(end - 1, start - 1, -1):
@@ -331,7 +331,7 @@ def hesitates(
         arrived = np.flatnonzero(np.diff(own, prepend=-1))
         left = [*(arrived[1:] - 1), len(positions) - 1]
         for start, end in zip(arrived.tolist(), left, strict=True):
-            # At the end of its path none follows.
+            # No knot follows at the end of the path.
             following = [knot for knot in trajectory.knots if knot > own[start]]
             if end > start and following and (agent, int(own[start])) not in asked:
                 found[free_from(agent, start, end, following[0]) + 1 : end + 1, agent - 1] = True
@@ -340,7 +340,7 @@ def hesitates(
 
 @dataclass(frozen=True, eq=False)
 class _Unscheduled:
-    """Why there is no schedule, and what would help. Agents from 1; masks over positions on their paths."""
+    """Finds out why there is no schedule. Agents from 1; masks over positions on their paths."""
 
     trajectories: Sequence[Trajectory]
     diagrams: Mapping[tuple[int, int], Mask]  # which pairs of positions are too close
@@ -349,7 +349,7 @@ class _Unscheduled:
     def why(
         self, answer: search.Impossible, problem: search.Problem, real: tuple[NDArray[np.int64], ...]
     ) -> Violation:
-        """`real`: the position on its path of each position of the problem, by agent."""
+        """The violation. `real`: path position of each position of the problem, by agent."""
         everyone = tuple(trajectory.agent for trajectory in self.trajectories)
         if not answer.proven:
             return self.found(Finding.NO_SCHEDULE, agents=everyone)
@@ -360,13 +360,13 @@ class _Unscheduled:
     def _pair(
         self, pair: tuple[int, int], problem: search.Problem, real: tuple[NDArray[np.int64], ...]
     ) -> Violation:
-        """Two that cannot pass each other: for room, or for the orders that are demanded."""
+        """Violation of two agents that cannot pass each other: for space, or for the demanded orders."""
         i, j = pair[0] + 1, pair[1] + 1
         a, b = self.trajectories[i - 1], self.trajectories[j - 1]
         collision = self.diagrams.get((i, j))
         found = None if collision is None else _collision(a, b, collision)
         if collision is not None and found is not None:
-            share = float(collision.mean())  # of the pairs that are too close
+            share = float(collision.mean())  # fraction of pairs that are too close
             return self.found(found[0], share, cause=Cause.SPACE, agents=(i, j), doing=found[1])
         knots_a, knots_b = (sorted(problem.knots[agent]) for agent in pair)
         row, column = blocked_region(problem.diagrams[pair], knots_a, knots_b)
@@ -375,7 +375,7 @@ class _Unscheduled:
         return self.found(Finding.ORDERS_OR_WAYS if ways else Finding.ORDERS, agents=(i, j), doing=doing)
 
     def _late(self, problem: search.Problem) -> Violation | None:
-        """The deadline that is missed by most; None where deadlines are not what is in the way."""
+        """Violation of the deadline that is missed by most; None where deadlines are not the reason."""
         free = search.solve(search.Problem(problem.knots, problem.lengths, problem.diagrams))
         if not problem.deadlines or not isinstance(free, search.Found):
             return None
@@ -395,7 +395,7 @@ class _Unscheduled:
 def _collision(
     a: Trajectory, b: Trajectory, collision: Mask
 ) -> tuple[Finding, tuple[Doing | None, ...]] | None:
-    """Why collisions alone leave no way, and where both are then; None when they do leave one."""
+    """Why collisions alone leave no schedule, and where both agents are then; None when they leave one."""
     if remaining(collision, frozenset(a.knots), frozenset(b.knots))[0, 0] < UNREACHABLE:
         return None
     if collision[0, 0]:
@@ -406,7 +406,7 @@ def _collision(
         walls = np.flatnonzero(diagram.all(axis=1))
         if not len(walls):
             walls = np.flatnonzero(diagram[:, 0] & diagram[:, -1])
-        if len(walls):  # the other one stands
+        if len(walls):  # the other agent is at rest
             blocked = _at(moving, int(walls[0]))
             return Finding.PARKED, (blocked, None) if moving is a else (None, blocked)
     row, column = blocked_region(collision, a.knots, b.knots)
@@ -414,5 +414,5 @@ def _collision(
 
 
 def _at(trajectory: Trajectory, position: int) -> Doing | None:
-    """Where on its path an agent is; None: where it stands."""
+    """Activity of an agent at a path position; None: it does not move."""
     return doing(trajectory.segment_at(position), position * CONTROL_DT_S)

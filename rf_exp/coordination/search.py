@@ -1,14 +1,14 @@
-"""The shortest schedule of agents on fixed paths: integers in, integers out.
+"""Exact search for the shortest schedule of agents on fixed paths, in integers only.
 
-In one control step every agent moves on by one position of its path or waits, and it waits only at its
-knots. So a schedule is no more than the step at which each segment between two knots starts, and a pair
-of positions that is forbidden (coordination diagrams) is a choice: one agent is past before the other
-one comes, or the other way round. Each way is a bound on the difference of two starts. Such bounds are
-closed under addition (longest paths), a choice with one way left becomes a bound, and what is still open
-is tried both ways. A makespan that is refuted raises the proven bound, one that is met is a schedule:
-halving what lies between ends with the shortest schedule (Brucker, Jurisch and Sievers 1994, A branch and
-bound algorithm for the job-shop scheduling problem, is the same idea for machines). Coordination diagrams:
-O'Donnell and Lozano-Perez 1989, Deadlock-free and collision-free coordination of two robot manipulators.
+In one control step every agent advances by one position of its path or waits, and it waits only at its
+knots. So a schedule is given by the start step of each segment between two knots, and a forbidden pair of
+positions (coordination diagrams) is a choice: one agent has passed before the other one comes, or vice
+versa. Each alternative is a bound on the difference of two starts. Bounds are closed under addition (longest
+paths), a choice with one alternative left becomes a bound, and open choices are branched on. A refuted
+makespan raises the proven bound, a feasible one is a schedule: bisection ends with the shortest schedule
+(Brucker, Jurisch and Sievers 1994, A branch and bound algorithm for the job-shop scheduling problem, is the
+same idea for machines). Coordination diagrams: O'Donnell and Lozano-Perez 1989, Deadlock-free and
+collision-free coordination of two robot manipulators.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ Diagram = NDArray[np.bool_]  # (P_i, P_j) True = forbidden
 Bound = tuple[int, int, int]  # x, y, c: start x is at least c steps after start y
 Choice = tuple[Bound, Bound]  # one of the two holds
 
-BUDGET = 1_000  # choices that may be tried
+BUDGET = 1_000  # choices that may be branched on, for each makespan
 UNREACHABLE = np.iinfo(np.int32).max // 4  # steps
 UNBOUNDED = -(10**7)  # steps: less than any difference of two starts
 NEVER: Bound = (0, 0, 1)
@@ -31,19 +31,19 @@ NEVER: Bound = (0, 0, 1)
 
 @dataclass(frozen=True)
 class Problem:
-    """Agents from 0. `diagrams` has an entry (i, j), i < j, for every pair that is not free."""
+    """Scheduling problem. Agents from 0. `diagrams` has an entry (i, j), i < j, for all but free pairs."""
 
     knots: tuple[frozenset[int], ...]  # positions at which an agent may wait; 0 and the last one included
     lengths: tuple[int, ...]  # last position of each agent
     diagrams: Mapping[Pair, Diagram]
     deadlines: tuple[tuple[int, int, int], ...] = ()  # (agent, position, latest step)
-    apart: Mapping[Pair, Diagram] = field(default_factory=dict)  # forbidden, too, and passed `slack` apart
+    apart: Mapping[Pair, Diagram] = field(default_factory=dict)  # also forbidden, and passed `slack` apart
     slack: int = 0  # steps by which either of two agents may be late without meeting the other in `apart`
 
 
 @dataclass(frozen=True)
 class Found:
-    """A schedule and what is proven about it."""
+    """A schedule with its proven bound."""
 
     positions: NDArray[np.int64]  # (T + 1, N)
     bound: int  # no schedule has fewer steps
@@ -51,7 +51,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Impossible:
-    """No schedule exists (`pair` alone is to blame if given), or none was found within the budget."""
+    """No schedule exists (`pair` alone is the reason if given), or none was found within the budget."""
 
     pair: Pair | None
     proven: bool
@@ -60,7 +60,7 @@ class Impossible:
 def solve(problem: Problem, budget: int = BUDGET) -> Found | Impossible:
     """The shortest schedule, or the best one found within the budget with its proven bound."""
     starts = _Starts(problem)
-    # In every step somebody has to move, but for the slack before a segment.
+    # At least one agent moves in every step, except in the slack before a segment.
     longest = sum(problem.lengths) + problem.slack * sum(map(len, problem.knots))
     steps, settled = starts.within(longest, budget)
     if steps is None:
@@ -98,19 +98,19 @@ class _Paths:
         self.count = first[-1]
 
     def arrives(self, agent: int, knot: int) -> tuple[int, int]:
-        """Segment and steps after its start at which an agent comes to a knot."""
+        """Segment and steps after its start at which an agent arrives at a knot."""
         if knot == 0:
             return 0, 0
         return self.segments[agent][knot - 1], self.knots[agent][knot] - self.knots[agent][knot - 1]
 
     def leaves_before(self, agent: int, knot: int, segment: int, step: int) -> Bound:
-        """The agent leaves a knot before a segment has come to a step."""
+        """Bound: the agent leaves a knot before a segment has reached a step."""
         if knot == len(self.knots[agent]) - 1:
             return NEVER
         return segment, self.segments[agent][knot], 1 - step
 
     def choices(self, diagrams: Mapping[Pair, Diagram]) -> Iterator[Choice]:
-        """What the diagrams leave to choose."""
+        """The choices that the diagrams imply."""
         for (i, j), diagram in diagrams.items():
             if diagram.any():
                 yield from self._passing(i, j, diagram)
@@ -119,16 +119,16 @@ class _Paths:
                 yield from self._resting(i, j, diagram)
 
     def _passing(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
-        """Both move."""
+        """Choices where both agents move."""
         for (x, low, high), (y, left, right) in product(self.parts[i], self.parts[j]):
             rows, columns = np.nonzero(diagram[low : high + 1, left : right + 1])
             ahead = np.zeros(high - low + right - left + 1, dtype=bool)
             ahead[rows - columns + right - left] = True
-            for begin, end in _runs(ahead):  # y may not start so many steps after x, less right - left
+            for begin, end in _runs(ahead):  # forbidden: begin <= y - x + right - left < end, of starts
                 yield (y, x, end - right + left), (x, y, right - left - begin + 1)
 
     def _standing(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
-        """Agent i moves, agent j stands at a knot."""
+        """Choices where agent i moves and agent j waits at a knot."""
         for knot, position in enumerate(self.knots[j]):
             segment, steps = self.arrives(j, knot)
             for x, low, high in self.parts[i]:
@@ -136,13 +136,13 @@ class _Paths:
                     yield self.leaves_before(j, knot, x, begin), (segment, x, end - steps)
 
     def _resting(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
-        """Both stand at knots."""
+        """Choices where both agents wait at knots."""
         for a, b in np.argwhere(diagram[np.ix_(self.knots[i], self.knots[j])]).tolist():
             yield self.leaves_before(i, a, *self.arrives(j, b)), self.leaves_before(j, b, *self.arrives(i, a))
 
 
 class _Starts:
-    """The steps at which all segments start: bounds on their differences, and choices between bounds."""
+    """Start steps of all segments: bounds on their differences, and choices between bounds."""
 
     def __init__(self, problem: Problem) -> None:
         self._paths = paths = _Paths(problem)
@@ -172,16 +172,16 @@ class _Starts:
         return max((int(starts[segment]) + steps for segment, steps in self._ends), default=0)
 
     def positions(self, starts: NDArray[np.int64], makespan: int) -> NDArray[np.int64]:
-        """(makespan + 1, N) where everybody is."""
+        """(makespan + 1, N) path position of each agent."""
         times, paths = np.arange(makespan + 1)[:, None], self._paths
         agents = zip(paths.knots, paths.segments, strict=True)
         columns = [np.clip(times - starts[own], 0, np.diff(knots)).sum(axis=1) for knots, own in agents]
         return np.stack(columns, axis=1)
 
     def within(self, makespan: int, budget: int) -> tuple[NDArray[np.int64] | None, bool]:
-        """The earliest starts (S,) of a schedule of at most so many steps, and whether the answer is settled.
+        """The earliest starts (S,) of a schedule within `makespan` steps, and whether the answer is settled.
 
-        None that is settled proves that there is none.
+        A settled None proves that there is none.
         """
         least = self._least.copy()
         in_time = all(_bounded(least, 0, segment, steps - makespan) for segment, steps in self._ends)
@@ -189,7 +189,7 @@ class _Starts:
         while todo:
             least = todo.pop()
             starts = least[0]
-            lack = self._c - (starts[self._x] - starts[self._y])  # (K, 2) by how much each way is missed
+            lack = self._c - (starts[self._x] - starts[self._y])  # (K, 2) violation of each alternative
             missed = lack.min(axis=1, initial=UNREACHABLE)
             if not (missed > 0).any():
                 return starts, True
@@ -197,16 +197,16 @@ class _Starts:
                 return None, False
             budget -= 1
             worst = int(missed.argmax())
-            for way in np.argsort(-lack[worst], kind="stable").tolist():  # the nearer one is tried first
+            for way in np.argsort(-lack[worst], kind="stable").tolist():  # the less violated one first
                 tried = least.copy()
                 if self._chosen(tried, worst, way) and self._forced(tried):
                     todo.append(tried)
         return None, True
 
     def _forced(self, least: NDArray[np.int64]) -> bool:
-        """Turns every choice with one way left into a bound; False if one has none left."""
+        """Turns every choice with one alternative left into a bound; False if one has none left."""
         while True:
-            closed = least[self._x, self._y] + self._c > 0  # (K, 2) this way is not open any more
+            closed = least[self._x, self._y] + self._c > 0  # (K, 2) alternatives that are excluded
             if closed.all(axis=1).any():
                 return False
             choice, way = np.nonzero(closed[:, ::-1] & (least[self._y, self._x] < self._c))
@@ -248,7 +248,7 @@ def _runs(mask: NDArray[np.bool_]) -> list[Pair]:
 
 
 def remaining(diagram: Diagram, knots_a: frozenset[int], knots_b: frozenset[int]) -> NDArray[np.int32]:
-    """(P, Q) fewest steps from each pair of positions to both ends; UNREACHABLE where there is no way.
+    """(P, Q) fewest steps from each pair of positions to both ends; UNREACHABLE where none lead there.
 
     Exact, by one backward pass: every step moves at least one agent on (both waiting gains nothing).
     """
@@ -262,7 +262,7 @@ def remaining(diagram: Diagram, knots_a: frozenset[int], knots_b: frozenset[int]
         if row == rows - 1:
             best[-1] = 0
         best[diagram[row]] = UNREACHABLE
-        if row in knots_a:  # this agent may wait here while the other one moves on
+        if row in knots_a:  # this agent may wait here while the other one moves
             start = 0
             for stop in [*np.flatnonzero(diagram[row]).tolist(), columns]:
                 run = slice(start, stop)

@@ -1,1 +1,1 @@
-"""Data sets for others: what is in a store, whether it is whole, merging, and formats that others read."""
+"""Data set tools: summary, validation and merging of stores, import and export of other formats."""

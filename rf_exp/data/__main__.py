@@ -1,14 +1,14 @@
-"""Data sets for others: what is in a store, whether it is whole, stores made one, formats that others read.
+"""Data set tools: inspect, validate and merge stores, import and export other formats.
 
-python -m rf_exp.data summary STORE...                    what is in them
-python -m rf_exp.data validate STORE...                   reads every byte, and judges what it says
-python -m rf_exp.data doctor STORE... --reference STORE    what in them will harm who learns from them
-python -m rf_exp.data merge STORE... --to STORE           parts of one configuration, as if made in one go
-python -m rf_exp.data redraw STORE NEW --variation NAME --copies 4    each episode in other appearances, too
-python -m rf_exp.data export STORE FOLDER --format lerobot    what others read: lerobot, robomimic, ...
-python -m rf_exp.data import SOURCE... STORE              what others have made: Zarr 2, HDF5; never pickles
+python -m rf_exp.data summary STORE...                    contents of the stores
+python -m rf_exp.data validate STORE...                   reads every byte and checks the values
+python -m rf_exp.data doctor STORE... --reference STORE    finds data that will harm training
+python -m rf_exp.data merge STORE... --to STORE           joins stores of one configuration into one
+python -m rf_exp.data redraw STORE NEW --variation NAME --copies 4    each episode also in other appearances
+python -m rf_exp.data export STORE FOLDER --format lerobot    writes other formats: lerobot, robomimic, ...
+python -m rf_exp.data import SOURCE... STORE              reads data of others: Zarr 2, HDF5; never pickles
 
-`COMMAND --help` says what each takes. docs/data.md.
+`COMMAND --help` lists the arguments. docs/data.md.
 """
 
 import argparse
@@ -27,13 +27,13 @@ from rf_exp.progress import Progress, console
 from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
 from rf_exp.texts import LONGEST_LINE, printable
 
-# A module each, of that name.
+# Each is the name of a module.
 FORMATS = ("lerobot", "lerobot_v21", "robomimic", "robofactory", "policy_lightning", "recordepisode")
-OF_ONE_AGENT = ("lerobot", "lerobot_v21")  # the others have an arm each to themselves, or need all
+OF_ONE_AGENT = ("lerobot", "lerobot_v21")  # the others keep arms apart, or need all of them
 
 
 def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
-    """Says what is in stores. Raises StageError for one that cannot be opened."""
+    """Prints the contents of stores. Raises StageError for one that cannot be opened."""
     found = {str(path): {**facts(Store.open(path)), "MiB": mib(path)} for path in paths}
     if as_json:
         console.print(json.dumps(found, indent=2))
@@ -45,14 +45,14 @@ def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
 
 
 def validate(paths: Sequence[Path]) -> None:
-    """Reads everything in stores. Raises StageError where something is wrong, once all of it is told."""
+    """Reads everything in stores and prints all problems. Raises StageError at the end if there are any."""
     wrong = unread = 0
     for path in paths:
         try:
             store = Store.open(path)
         except StageError as error:
             wrong += isinstance(error, Damage)
-            unread += not isinstance(error, Damage)  # of another kind or version: nothing is wrong with it
+            unread += not isinstance(error, Damage)  # other kind or version: not a defect
             console.print(str(error))
             continue
         found: list[str] = []
@@ -72,7 +72,7 @@ def validate(paths: Sequence[Path]) -> None:
 
 
 def examine(paths: Sequence[Path], reference: Path | None = None) -> None:
-    """Says what will harm who learns from stores. Raises StageError where something does, once it is told."""
+    """Prints what in stores will harm training. Raises StageError at the end if anything does."""
     from rf_exp.data.doctor import harms
 
     beside, harmful = reference and Store.open(reference), 0
@@ -88,9 +88,9 @@ def examine(paths: Sequence[Path], reference: Path | None = None) -> None:
 
 
 def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None:
-    """Makes one store of several.
+    """Merges stores into one.
 
-    Raises StageError where they are no parts of one, where `to` exists or cannot be written.
+    Raises StageError where they are not parts of one, and where `to` exists or cannot be written.
     """
     refuse_existing(to, dry_run)
     stores = [Store.open(path) for path in paths]
@@ -106,12 +106,12 @@ def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None
 
 
 def redraw_store(path: Path, to: Path, variation: str, copies: int, folder: Path | None) -> None:
-    """Makes a store of which each episode is there so many times, in other appearances; goes on where it was.
+    """Writes a store with `copies` of each episode in other appearances; resumes an interrupted run.
 
-    `folder` has the YAML files of tasks; those of the suite unless given. Raises ArgumentError for a
-    variation that would move things, StageError where the store cannot be read or another one is there.
+    `folder` holds the YAML files of the tasks, by default those of the suite. Raises ArgumentError for a
+    variation that would move objects, StageError where the store cannot be read or `to` is another store.
     """
-    from rf_exp.stages import redraw  # with the simulator, which the other commands do without
+    from rf_exp.stages import redraw  # imports the simulator, which the other commands do not need
     from rf_exp.tasks import CONFIGURED, read_variation, stored_task
 
     source = Store.open(path)
@@ -130,11 +130,11 @@ def export(
     dry_run: bool = False,
     agent: int | None = None,
 ) -> None:
-    """Writes a store in a format that others read, into a folder that is there as a whole or not at all.
+    """Exports a store to another format; `folder` is written atomically.
 
-    With an `agent` what it alone is told and does, for tools that know one arm. Raises ArgumentError for an
-    unknown format or way to keep pictures and for an agent that is not there or that a format cannot hold
-    alone, StageError where `folder` exists or the store cannot be read.
+    With `agent` only the observations and actions of that agent, for tools that support one arm. Raises
+    ArgumentError for an unknown format or picture encoding, and for an agent that does not exist or that the
+    format cannot hold alone; StageError where `folder` exists or the store cannot be read.
     """
     if form not in FORMATS:
         raise choices("format", form, FORMATS)
@@ -170,7 +170,7 @@ def export(
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turns what the system says of a new folder that cannot be written into a StageError."""
+    """Turns an OSError while a new folder is written into a StageError."""
     try:
         yield
     except OSError as error:
@@ -178,9 +178,9 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def refuse_existing(path: Path, dry_run: bool) -> None:
-    """Raises StageError for a folder that is there. Leftovers beside it go, but not in a dry run."""
+    """Raises StageError for an existing path. Removes stale drafts beside it, except in a dry run."""
     if not dry_run:
-        sweep(path.parent)  # also of a command that was killed when all was done
+        sweep(path.parent)  # also those of a command that was killed after its last rename
     if path.exists():
         raise StageError(
             f"{path} exists already; nothing is written over it: name a folder that is not there"
@@ -192,13 +192,13 @@ def mib(folder: Path) -> float:
 
 
 def import_stores(**given: Any) -> None:
-    from rf_exp.data.importing import import_demonstrations  # with what readers need, which help does without
+    from rf_exp.data.importing import import_demonstrations  # imports the readers, which --help does not need
 
     import_demonstrations(**given)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The arguments: of each command `run`, which carries it out, and what that is called with."""
+    """The argument parser; each command sets `run`, the function to call with its other arguments."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser("python -m rf_exp.data", description=__doc__, formatter_class=plain)
     commands = parser.add_subparsers(dest="command", required=True)

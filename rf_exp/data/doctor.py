@@ -1,9 +1,9 @@
-"""What in a store will harm who learns from it, though every byte of it is as it was written.
+"""Data doctor: finds data in an intact store that will harm training.
 
-`validate` holds a store against what it declares; this looks for what demonstrations do not do: joints that
-never move, jumps, episodes in which nothing happens, cameras that show the wrong thing. Each finding says
-where, what, and what to do. Bounds are far from what the suite's own demonstrations do, those of all robots
-and the disturbed ones among them.
+`validate` compares a store with what it declares; this looks for implausible demonstrations: joints that
+never move, jumps, episodes in which nothing happens, cameras with wrong pictures. Each finding names the
+place, the problem and the remedy. Bounds are far from the suite's own demonstrations, including those of all
+robots and the disturbed ones.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,25 +17,25 @@ from rf_exp.errors import ArgumentError
 from rf_exp.store import Store, joint_names
 from rf_exp.types import FINGERS
 
-MOVES_RAD, MOVES_M = 1e-4, 1e-4  # less is no motion, over a whole store
-STILL_RAD = 0.02  # an episode in which no joint of an arm goes further shows nothing
-# In one control step, 50 ms: twice what a Panda can do, and a free fall of half a second.
+MOVES_RAD, MOVES_M = 1e-4, 1e-4  # smaller ranges over a whole store are no motion
+STILL_RAD = 0.02  # largest joint range in an episode that counts as still
+# Per control step of 50 ms: twice the top speed of a Panda; the speed after half a second of free fall.
 JUMP_RAD, JUMP_M = 0.25, 0.25
-ASTRAY_RAD = 0.2  # half of all commands are further from where the arm then is: they are not of this arm
-JERK, LEAST_JERK_RAD = 4.0, 2e-3  # times the median of all episodes; of less than that nothing is said
-FEWEST = 4  # episodes of which a median says something
+ASTRAY_RAD = 0.2  # largest median distance from a command to the next measured joints; above: not of this arm
+JERK, LEAST_JERK_RAD = 4.0, 2e-3  # times the median of all episodes; smaller jerks are not reported
+FEWEST = 4  # episodes needed for a meaningful median
 SHORT = 0.25  # of the median length
-LOOKED_AT = 16  # episodes, evenly spread, of which pictures are looked at: first, one between, last
-DARK, BRIGHT, PLAIN = 8.0, 247.0, 1.0  # mean, and standard deviation, of a picture's levels of 255
-ALIKE = 1.0  # mean difference of two cameras in levels of 255
-DIFFERS, SURELY = 0.04, 4.0  # of the reference's brightness, and standard errors of both means' difference
+LOOKED_AT = 16  # episodes, evenly spaced, whose first, middle and last pictures are examined
+DARK, BRIGHT, PLAIN = 8.0, 247.0, 1.0  # bounds of the mean, and of the standard deviation, in levels of 255
+ALIKE = 1.0  # smallest mean difference of two cameras, in levels of 255
+DIFFERS, SURELY = 0.04, 4.0  # as a part of the reference's brightness; in standard errors of the difference
 
-Frames = Mapping[str, NDArray[np.uint8]]  # camera -> (E, 3, H, W, 3) of the episodes that are looked at
+Frames = Mapping[str, NDArray[np.uint8]]  # camera -> (E, 3, H, W, 3) of the examined episodes
 
 
 @dataclass(frozen=True)
 class Harm:
-    """One finding: where in the store, what is there, and what to do about it."""
+    """One finding: place in the store, problem and remedy."""
 
     where: str
     what: str
@@ -51,7 +51,7 @@ DRIVER = "update the Vulkan driver (python -m rf_exp.doctor names it) and draw t
 
 
 def harms(store: Store, reference: Store | None = None) -> Iterator[Harm]:
-    """All findings about a store, held beside another of the same cameras if one is given.
+    """All findings about a store; with a reference, its pictures are compared with those of the same cameras.
 
     Raises ArgumentError for a reference that shares no camera with it.
     """
@@ -67,26 +67,26 @@ def harms(store: Store, reference: Store | None = None) -> Iterator[Harm]:
 
 
 def _arrays(store: Store) -> dict[str, NDArray[np.float32]]:
-    """All numbers of a step, by name: (T, N, ...) of arms, (T, 7) of things."""
+    """Numeric arrays by name: (T, N, ...) for arms, (T, 7) for objects."""
     arms = {"qpos": store.qpos, "qvel": store.qvel, "action": store.action}
     arms |= {"executed": store.executed} if store.disturbed else {}
     return {**arms, **{f"pose_{name}": poses for name, poses in store.poses.items()}}
 
 
 def _place(store: Store, row: int) -> str:
-    """The episode of a row, its seed, and the step in it."""
+    """Episode, seed and step of a row, in words."""
     index = int(np.searchsorted(store.episode_ends, row, "right"))
     first = int(store.episode_ends[index - 1]) if index else 0
     return f"episode {index} (seed {store.seeds[index]}), step {row - first}"
 
 
 def _joint(store: Store, agent: int, joint: int) -> str:
-    """An arm's joint in words; both are counted from 0."""
+    """A joint in words; agent and joint are 0-based."""
     return f"agent {agent + 1}, {joint_names(store.attrs, agent + 1)[joint]}"
 
 
 def _arm(values: NDArray[np.float32], hand: int) -> NDArray[np.float64]:
-    """The joints of the arms alone (T, N, J), with zero for what is not known, which is told elsewhere."""
+    """Arm joints without the gripper (T, N, J); NaN and infinity become 0, `_unknown` reports them."""
     return np.nan_to_num(values[..., : values.shape[-1] - hand].astype(float), posinf=0.0, neginf=0.0)
 
 
@@ -99,7 +99,7 @@ def _unknown(store: Store) -> Iterator[Harm]:
 
 
 def _dead(store: Store) -> Iterator[Harm]:
-    """What is the same in all steps of all episodes."""
+    """Values that are constant over all steps of all episodes."""
     told, measured = (np.nan_to_num(each) for each in (store.action, store.qpos))
     for name, values, hand in (("qpos", measured, FINGERS), ("action", told, 1)):
         for agent, joint in np.argwhere(np.ptp(_arm(values, hand), axis=0) < MOVES_RAD):
@@ -113,7 +113,7 @@ def _dead(store: Store) -> Iterator[Harm]:
 
 
 def _astray(store: Store) -> Iterator[Harm]:
-    """Commands that are not followed."""
+    """Commands that the arms do not follow."""
     last = store.episode_ends[:-1] - 1
     apart = np.abs(_arm(store.executed, 1)[:-1] - _arm(store.qpos, FINGERS)[1:])
     apart = np.delete(apart, last, axis=0)
@@ -127,7 +127,7 @@ def _astray(store: Store) -> Iterator[Harm]:
 
 
 def _jumps(store: Store) -> Iterator[Harm]:
-    """Steps that nothing can make so fast; that from one episode to the next is none."""
+    """Impossibly fast changes within an episode."""
     begins = store.episode_ends[:-1]
     for name, values in _arrays(store).items():
         if name == "qvel":
@@ -150,7 +150,7 @@ def _jumps(store: Store) -> Iterator[Harm]:
 
 
 def _episodes(store: Store) -> Iterator[Harm]:
-    """Episodes that are not like the others: still, short, rough, or the same as another."""
+    """Episodes unlike the others: still, short, jerky, or a duplicate."""
     moved = [_arm(each, FINGERS) for each in store.by_episode(store.qpos)]
     lengths = np.array([len(each) for each in moved])
     third = [np.diff(each, 3, axis=0) for each in moved]
@@ -173,12 +173,12 @@ def _episodes(store: Store) -> Iterator[Harm]:
 
 
 def _looked_at(store: Store) -> NDArray[np.int64]:
-    """The numbers of the episodes of which the pictures are looked at."""
+    """Indices of the episodes whose pictures are examined."""
     return np.unique(np.linspace(0, len(store) - 1, LOOKED_AT).round().astype(np.int64))
 
 
 def _frames(store: Store) -> Frames:
-    """The pictures that are looked at."""
+    """The pictures to examine."""
     firsts, lasts = np.append(0, store.episode_ends[:-1]), store.episode_ends - 1
     rows = np.stack([firsts, (firsts + lasts) // 2, lasts], axis=1)[_looked_at(store)]
     return {
@@ -188,7 +188,7 @@ def _frames(store: Store) -> Frames:
 
 
 def _pictures(frames: Frames, episodes: NDArray[np.int64]) -> Iterator[Harm]:
-    """Cameras that see nothing, that are stuck, or that see what another one sees."""
+    """Cameras that show nothing, are frozen, or show the same as another."""
     for camera, pictures in frames.items():
         where, level, spread = f"camera {camera}", pictures.mean(), pictures.std(axis=(2, 3)).max()
         if spread < PLAIN:
@@ -208,7 +208,7 @@ def _pictures(frames: Frames, episodes: NDArray[np.int64]) -> Iterator[Harm]:
 
 
 def _beside(name: str, frames: Frames, others: Frames, reference: str) -> Iterator[Harm]:
-    """Pictures that are darker or brighter than those of a reference."""
+    """Cameras whose pictures are darker or brighter than those of a reference."""
     if not (shared := [camera for camera in frames if camera in others]):
         raise ArgumentError(
             f"{reference} has cameras {', '.join(others) or 'none'}, {name} {', '.join(frames) or 'none'}; "
@@ -217,7 +217,7 @@ def _beside(name: str, frames: Frames, others: Frames, reference: str) -> Iterat
     for camera in shared:
         levels = [each[camera].mean(axis=(1, 2, 3, 4)) for each in (frames, others)]  # of each episode
         here, there = (each.mean() for each in levels)
-        # Where one episode is all there is, light differs by a tenth.
+        # A single episode has no spread: a tenth of the reference's brightness is assumed.
         errors = [(each.std(ddof=1) if len(each) > 1 else 0.1 * there) ** 2 / len(each) for each in levels]
         if abs(here - there) > max(DIFFERS * there, SURELY * np.sqrt(sum(errors))):
             how = "darker" if here < there else "brighter"

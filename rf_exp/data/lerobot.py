@@ -1,8 +1,8 @@
 """Export as a LeRobotDataset v3.0: Parquet, PNG or lossless video, JSON; written without lerobot itself.
 
-`observation.state` (N * D) is the measured joints of all agents, `action` (N * A) their targets, and
-`observation.images.<camera>` what the cameras see. Beside these, under names that no policy of lerobot takes
-for an input: `object_poses` (K * 7), `executed` where demonstrations are disturbed, `scene_seed`.
+`observation.state` (N * D) holds the measured joints of all agents, `action` (N * A) their targets, and
+`observation.images.<camera>` the pictures. Extras, under names that no policy of lerobot takes as an input:
+`object_poses` (K * 7), `executed` for disturbed demonstrations, `scene_seed`.
 """
 
 import json
@@ -32,13 +32,13 @@ DATA, VIDEO = f"data/{FILE}.parquet", f"videos/{{video_key}}/{FILE}.mp4"
 EPISODES = f"meta/episodes/{FILE}.parquet"
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-LOOKED_AT = 20  # pictures of an episode and camera that statistics are made of
+LOOKED_AT = 20  # pictures per episode and camera used for statistics
 
 Stats = dict[str, NDArray[Any]]
 
 
 def held(pictures: str, agent: int | None = None, version: str = "v3.0") -> str:
-    """What lies in the folder, of all agents or of one."""
+    """Description of the exported folder, for all agents or for one."""
     whose, side_by_side = "all agents", ", one agent behind the other"
     if agent is not None:
         whose, side_by_side = f"agent {agent}", ""
@@ -52,19 +52,19 @@ def held(pictures: str, agent: int | None = None, version: str = "v3.0") -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
-    """All episodes of a store into a folder, of all agents or of one; pictures as one of `PICTURES`."""
+    """Writes all episodes of a store to a folder, for all agents or for one; `pictures` is in `PICTURES`."""
     Writer(store, folder, pictures == "video", agent).write(advance)
 
 
 class Writer:
-    """Writes one data set. What files there are, and what is told of them, is that of a version."""
+    """Writer of one data set. Files and metadata are those of `VERSION`; subclasses write other versions."""
 
     VERSION = "v3.0"
     EPISODES_A_FILE = EPISODES_A_FILE
     DATA, VIDEO = DATA, VIDEO
 
     def __init__(self, store: Store, folder: Path, video: bool, agent: int | None = None) -> None:
-        """With an `agent` its joints and commands alone, and what its own camera and the global one see."""
+        """With `agent` only its joints and commands, and the pictures of its own and the global camera."""
         self._pa, self._parquet = library("pyarrow"), library("pyarrow.parquet")
         self.store, self.folder, self.video = store, folder, video
         self._rate: int = store.attrs["control_hz"]
@@ -72,15 +72,15 @@ class Writer:
         seen = store.cameras if agent is None else ("global", f"agent{agent}")
         self.cameras = [camera for camera in store.cameras if camera in seen]
         self.features = _features(store, self.agents, self.cameras, video)
-        self.rows: list[dict[str, Any]] = []  # of the episodes
-        self.stats: list[dict[str, Stats]] = []  # the same
-        self._files = ExitStack()  # the present ones
+        self.rows: list[dict[str, Any]] = []  # metadata, one per episode
+        self.stats: list[dict[str, Stats]] = []  # one per episode
+        self._files = ExitStack()  # open files
         self._data: Any = None
         self._films: dict[str, Film] = {}
-        self._began = self._start = 0  # rows with which the present files, and the next episode, begin
+        self._began = self._start = 0  # first rows of the open files, and of the next episode
 
     def write(self, advance: Advance) -> None:
-        """All episodes of the store."""
+        """Writes all episodes of the store."""
         with self._files:
             for index in range(len(self.store)):
                 self._add(index, self.store.episode(index))
@@ -107,16 +107,16 @@ class Writer:
         self._start += len(episode.qpos)
 
     def where(self, index: int) -> dict[str, int]:
-        """What the paths of the files of an episode are made of."""
+        """Values for the path patterns of the files of an episode."""
         chunk, file = divmod(index // self.EPISODES_A_FILE, FILES_A_CHUNK)
         return {"chunk_index": chunk, "file_index": file}
 
     def metadata(self) -> dict[str, str]:
-        """What stands in each Parquet file of data beside its columns."""
+        """Schema metadata of each Parquet file of data."""
         return {}
 
     def finish(self) -> None:
-        """Writes what is known at the end: episodes, tasks, statistics, and what the features are."""
+        """Writes the metadata known at the end: episodes, tasks, statistics, features."""
         for first in range(0, len(self.rows), self.EPISODES_A_FILE):
             rows = self.rows[first : first + self.EPISODES_A_FILE]
             where = {key: rows[0][f"data/{key}"] for key in ("chunk_index", "file_index")}
@@ -128,7 +128,7 @@ class Writer:
         write_json(self.folder / "meta/info.json", self.info())
 
     def _turn(self, where: Mapping[str, int], start: int, schema: Any) -> None:
-        """The present files are complete; the next ones begin."""
+        """Closes the open files and begins the next ones."""
         self._files.close()
         self._began = start
         writer = self._parquet.ParquetWriter(self._path(self.DATA, where), schema)
@@ -143,7 +143,7 @@ class Writer:
         return path
 
     def _columns(self, index: int, episode: Episode, start: int) -> dict[str, NDArray[Any]]:
-        """Feature -> its rows of an episode."""
+        """Feature -> its rows in an episode."""
         steps = len(episode.qpos)
         frame = np.arange(steps)
         poses = [episode.poses[name] for name in self.store.objects]
@@ -164,7 +164,7 @@ class Writer:
         }
 
     def _cells(self, values: NDArray[Any]) -> Any:
-        """Rows (T,) or (T, D) as a column."""
+        """Values (T,) or (T, D) as a column."""
         if values.ndim == 1:
             return self._pa.array(values)
         return self._pa.FixedSizeListArray.from_arrays(self._pa.array(values.ravel()), values.shape[1])
@@ -179,7 +179,7 @@ class Writer:
         return self._pa.array(cells, kind)
 
     def row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
-        """What is told of an episode."""
+        """Metadata of an episode."""
         row = {
             "episode_index": index,
             "tasks": [words(self.store)],
@@ -200,7 +200,7 @@ class Writer:
         return row
 
     def _tasks(self) -> Any:
-        """The words of the task as the index of a table, as pandas would write it."""
+        """Table of the one task, with its description as index, as pandas would write it."""
         table = self._pa.table({"task_index": [0], "task": [words(self.store)]})
         kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
         columns = [
@@ -211,7 +211,7 @@ class Writer:
         return table.replace_schema_metadata({"pandas": json.dumps(said)})
 
     def info(self) -> dict[str, Any]:
-        """What is told of all of it."""
+        """Metadata of the data set, for info.json."""
         kinds = Counter(self.store.models[agent - 1].kind for agent in self.agents)
         return {
             "codebase_version": self.VERSION,
@@ -233,7 +233,7 @@ class Writer:
 def _features(
     store: Store, agents: Sequence[int], cameras: Sequence[str], video: bool
 ) -> dict[str, dict[str, Any]]:
-    """What the columns are, and the names of their values."""
+    """Feature -> dtype, shape and names of its values."""
     rate = store.attrs["control_hz"]
     size = store.attrs["height"], store.attrs["width"]
     found = {"observation.state": _vector(_by_agent(agents, partial(joint_names, store.attrs)))}
@@ -259,7 +259,7 @@ def _features(
 
 
 def _by_agent(agents: Sequence[int], names: Callable[[int], Sequence[str]]) -> list[str]:
-    """`agent1.` and the first name of the first agent, ...: all of the first agent, then of the second."""
+    """Names prefixed with `agent<k>.`: all of the first agent, then all of the second, ..."""
     return [f"agent{agent}.{name}" for agent in agents for name in names(agent)]
 
 
@@ -272,12 +272,12 @@ def _key(camera: str) -> str:
 
 
 def words(store: Store) -> str:
-    """The task, for policies that read."""
+    """The task in words, for language-conditioned policies."""
     return store.description.language["description"] if store.description else store.attrs["task"]
 
 
 def of_values(values: NDArray[Any]) -> Stats:
-    """Of rows (T, D) or (T,): least, largest, mean, standard deviation, quantiles (D,), and their count."""
+    """Statistics of rows (T, D) or (T,): min, max, mean, standard deviation, quantiles (D,), count."""
     rows = values.reshape(len(values), -1).astype(float)
     found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
     found |= {name: np.quantile(rows, q, axis=0) for name, q in QUANTILES.items()}
@@ -285,14 +285,14 @@ def of_values(values: NDArray[Any]) -> Stats:
 
 
 def of_pictures(pictures: NDArray[np.uint8]) -> Stats:
-    """Of some of the pictures (T, H, W, 3), by channel (3, 1, 1), from 0 to 1."""
+    """Statistics of some of the pictures (T, H, W, 3), by channel (3, 1, 1), from 0 to 1."""
     some = pictures[np.unique(np.linspace(0, len(pictures) - 1, LOOKED_AT).astype(int))]
     found = of_values(some.reshape(-1, some.shape[-1]) / 255)
     return {name: value.reshape(-1, 1, 1) for name, value in found.items()} | {"count": np.array([len(some)])}
 
 
 def together(parts: Sequence[Stats]) -> Stats:
-    """Of all episodes from those of each; quantiles are the means of theirs, as LeRobot's own are."""
+    """Statistics of all episodes from those of each; quantiles are count-weighted means, as in LeRobot."""
     counts = np.concatenate([part["count"] for part in parts])
 
     def mean(values: Iterable[NDArray[Any]]) -> NDArray[Any]:

@@ -1,8 +1,8 @@
-"""Export as a LeRobotDataset v2.1, which openpi and GR00T read: the columns of v3.0, a file for each episode.
+"""Export as a LeRobotDataset v2.1, which openpi and GR00T read: the columns of v3.0, one file per episode.
 
 meta/info.json, tasks.jsonl, episodes.jsonl, episodes_stats.jsonl
 data/chunk-<c>/episode_<e>.parquet               rows of an episode
-videos/chunk-<c>/<camera>/episode_<e>.mp4        what a camera saw in it
+videos/chunk-<c>/<camera>/episode_<e>.mp4        pictures of a camera in it
 """
 
 import json
@@ -23,7 +23,7 @@ EPISODES_A_CHUNK = 1000
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance, agent: int | None = None) -> None:
-    """All episodes of a store into a folder, of all agents or of one; pictures as one of `PICTURES`."""
+    """Writes all episodes of a store to a folder, for all agents or for one; `pictures` is in `PICTURES`."""
     _Writer(store, folder, pictures == "video", agent).write(advance)
 
 
@@ -40,7 +40,7 @@ class _Writer(Writer):
         return {"episode_index": index, "tasks": [words(self.store)], "length": steps}
 
     def metadata(self) -> dict[str, str]:
-        """The types of the columns, as `datasets` looks for them: without these PNG stays bytes."""
+        """Column types in the form that `datasets` reads; without them PNG cells stay bytes."""
         kinds = {name: _kind(each) for name, each in self.features.items() if each["dtype"] != "video"}
         return {"huggingface": json.dumps({"info": {"features": kinds}})}
 

@@ -1,10 +1,10 @@
-"""Export as Policy-Lightning's HDF5: what each arm was told and what its camera saw, over all rows.
+"""Export as Policy-Lightning's HDF5: commands and camera pictures of each arm, over all rows.
 
     action_<k> (T, 8) f32                  joint targets in rad, gripper from -1 to 1; arms count from 0
     head_cam_<k>, head_cam_global (T, 3, H, W) u8
     episode_ends (E,) i64                  row after the last of each episode
 
-Its reader takes what an arm was told for where the arm is. Point clouds are not written.
+Its reader uses the commands as the measured joints too. Point clouds are not written.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Export as ManiSkill's RecordEpisode keeps trajectories: an HDF5 file, and a JSON file of the same name.
+"""Export as trajectories of ManiSkill's RecordEpisode: an HDF5 file, and a JSON file of the same name.
 
     traj_<i>/obs/agent/panda-<k>/qpos, qvel (T+1, 9) f32   measured before each action, and after the last
     traj_<i>/obs/sensor_data/<camera>/rgb (T+1, H, W, 3) u8, depth (T+1, H, W, 1) i16 mm
@@ -8,9 +8,9 @@
     traj_<i>/actions/panda-<k> (T, 8)                      joint targets in rad, gripper from -1 to 1
     traj_<i>/terminated, truncated, success (T,)           after each action
     traj_<i>/env_states/actors/<name> (T+1, 13)            position, quaternion w, x, y, z, velocities
-    traj_<i>/env_states/articulations/<name> (T+1, 13 + 2 dof)   the same of the root, then of all joints
+    traj_<i>/env_states/articulations/<name> (T+1, 13 + 2 dof)   the same for the root, then qpos and qvel
 
-Of one arm `actions` and `obs/agent` are its own, without a name.
+With a single arm, `actions` and `obs/agent` hold its arrays directly, without the level `panda-<k>`.
 """
 
 from pathlib import Path
@@ -32,9 +32,9 @@ PICTURES = ("gzip", "plain")  # both keep every pixel
 TAGS = ("ManiSkill", "RoboFactory")
 NAME = "trajectory"
 CONTROL_MODE = "pd_joint_pos"  # absolute joint targets
-SUCCESS = "success"  # the one condition that such a file knows
+SUCCESS = "success"  # the only condition in such a file
 ROOT = 13  # numbers of a body's state: position, quaternion, velocities
-STILL = np.zeros(6, np.float32)  # velocities that a store does not hold
+STILL = np.zeros(6, np.float32)  # body velocities, which a store does not hold
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # y up and z backward, from y down and z forward
 
 
@@ -105,7 +105,7 @@ def _write(group: Any, store: Store, episode: Episode, compressed: bool) -> None
     seen = {(camera, "rgb"): frames for camera, frames in episode.images.items()}
     for name, depth in episode.extras.items():
         what, _, camera = name.partition("_")
-        if what == "depth":  # farther than an i16 can tell is as far as that
+        if what == "depth":  # saturates at the largest int16
             seen[camera, what] = np.minimum(depth, np.iinfo(np.int16).max).astype(np.int16)[..., None]
     places = {each: f"obs/sensor_data/{camera_name(each[0], store.agents)}/{each[1]}" for each in seen}
     create(group, values)
@@ -113,12 +113,12 @@ def _write(group: Any, store: Store, episode: Episode, compressed: bool) -> None
 
 
 def _and_last(rows: NDArray[Any]) -> NDArray[Any]:
-    """Rows of observations with one more behind them: a store holds none after the last action."""
+    """Observations with the last row repeated: a store holds none after the last action."""
     return np.concatenate([rows, rows[-1:]])
 
 
 def _bases(store: Store, episode: Episode) -> list[Matrix]:
-    """(4, 4) where each arm stands, as far as that is known."""
+    """world_from_base (4, 4) of each arm; empty where unknown."""
     said = _calibration(episode)
     if said is not None:
         return [np.array(each) for each in said["world_from_base"]]
@@ -126,7 +126,7 @@ def _bases(store: Store, episode: Episode) -> list[Matrix]:
 
 
 def _cameras(store: Store, episode: Episode) -> dict[str, tuple[Matrix, Matrix]]:
-    """Camera -> intrinsics (3, 3) px and world_from_camera (4, 4), of those that stand in the world."""
+    """Camera -> intrinsics (3, 3) px and world_from_camera (4, 4), for cameras fixed in the world."""
     models = store.description.camera_models if store.description else {}
     said = _calibration(episode) or {"cameras": {}}
     found = {}
@@ -143,5 +143,5 @@ def _cameras(store: Store, episode: Episode) -> dict[str, tuple[Matrix, Matrix]]
 
 
 def _calibration(episode: Episode) -> Any:
-    """Where things stood in this episode, if other than usual."""
+    """Calibration of this episode where it differs from the store's, else None."""
     return episode.certificate.get("calibration")

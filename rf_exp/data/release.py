@@ -1,6 +1,6 @@
-"""What the authors' release calls tasks, and what it tells its arms.
+"""Task names and commands of the authors' release.
 
-A command is seven joint targets in rad and a gripper from -1 closed to 1 open, at 20 Hz.
+A command is seven joint targets in rad and a gripper value from -1 (closed) to 1 (open), at 20 Hz.
 """
 
 import re
@@ -15,16 +15,16 @@ from rf_exp.tasks import unmarked
 from rf_exp.texts import printable
 from rf_exp.types import narrowed
 
-COMMAND = len(DEFAULT.told)  # numbers that tell an arm what to do
-MEASURED = len(DEFAULT.measured)  # joints of an arm with its fingers
-ROUNDING = 1e-5  # of a number that is at a limit
-FARTHEST = np.pi  # beyond a limit, rad: what is farther off is no joint target
+COMMAND = len(DEFAULT.told)  # size of a command
+MEASURED = len(DEFAULT.measured)  # size of qpos: arm joints and fingers
+ROUNDING = 1e-5  # tolerance for values at a limit
+FARTHEST = np.pi  # rad beyond a limit; values farther off are not joint targets
 
 _TASK = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
 def checked_task(name: object) -> str:
-    """The name of a task. Raises ArgumentError for one that cannot be."""
+    """The name of a task. Raises ArgumentError for an invalid one."""
     if not isinstance(name, str) or not _TASK.fullmatch(name):
         raise ArgumentError(
             f"task is {printable(name)!r}; expected a name such as lift_barrier: small letters, digits and _"
@@ -33,23 +33,23 @@ def checked_task(name: object) -> str:
 
 
 def environment(task: object) -> str:
-    """`lift_barrier` -> `LiftBarrier-rf`. Raises ArgumentError for what is no name of a task."""
+    """`lift_barrier` -> `LiftBarrier-rf`, the release's ID. Raises ArgumentError for an invalid name."""
     if isinstance(task, str):
-        task = unmarked(task)[0].replace("-", "_")  # before robots that are not the usual
+        task = unmarked(task)[0].replace("-", "_")  # "-" precedes the names of other robots
     return "".join(word.capitalize() for word in checked_task(task).split("_")) + "-rf"
 
 
 def task_of(name: str) -> str:
-    """The task of `LiftBarrier-rf` and of what is named after it; empty where there is none."""
+    """The task of `LiftBarrier-rf` and of names that begin so; empty for other names."""
     camel, found, _ = name.partition("-rf")
     task = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", camel).lower()
     return task if found and _TASK.fullmatch(task) else ""
 
 
 def within_limits(told: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-    """Commands (..., 8) with every number within its bounds, and by how much one was beyond at most.
+    """Commands (..., 8) clipped to their limits, and the largest excess, 0 up to `ROUNDING`.
 
-    The release's own demonstrations exceed the limits of joints in places.
+    The release's own demonstrations exceed the joint limits in places.
     """
     low, high = np.append(DEFAULT.limits_rad, [[-1.0], [1.0]], axis=1).astype(np.float32)
     bounded = np.clip(told, low, high)
@@ -58,10 +58,10 @@ def within_limits(told: NDArray[np.float32]) -> tuple[NDArray[np.float32], float
 
 
 def own(store: Store, agent: int, rows: NDArray[np.float32], hand: int) -> NDArray[np.float32]:
-    """Of rows (..., n + hand) of an agent, from 0 on, those of the joints of its arm, and of its hand."""
+    """Rows (..., n + hand) of an agent (0-based) without padding: arm joints, then `hand` gripper columns."""
     return narrowed(rows, len(store.models[agent].commands) - 1, hand)
 
 
 def commands(store: Store, agent: int, rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(T, 8) of a Panda, of commands (T, N, A) of all agents."""
+    """Commands of one agent (0-based), (T, 8) for a Panda, from those of all agents (T, N, A)."""
     return own(store, agent, rows[:, agent], 1)

@@ -1,11 +1,11 @@
 """Export as the Zarr 2 of the authors' release, a replay buffer of Diffusion Policy for each arm.
 
     <Task>-rf_Agent<k>_<N>.zarr/
-        data/head_camera (T, 3, H, W) u8             what the arm's own camera saw before
-        data/action, state, tcp_action (T, 8) f32    what it was told, three times
+        data/head_camera (T, 3, H, W) u8             pictures of the arm's own camera before the action
+        data/action, state, tcp_action (T, 8) f32    the commands, three times
         meta/episode_ends (E,) i64                   row after the last of each episode
 
-Their policies are told `state` for where an arm is, and when they act what it was told last.
+Their policies train with `state` as the measured joints; in rollouts they get the last command instead.
 """
 
 from pathlib import Path
@@ -38,7 +38,7 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    """All episodes of a store into a folder for each arm.
+    """Writes all episodes of a store, one buffer per arm.
 
     Raises ArgumentError where an arm has no pictures of its own.
     """
@@ -73,5 +73,5 @@ def _create(group: zarr.Group, name: str, shape: tuple[int, ...], dtype: str) ->
         dtype=dtype,
         chunks=(CHUNK, *shape[1:]),
         compressors=numcodecs.Blosc("zstd", clevel=3, shuffle=1),
-        config={"write_empty_chunks": True},  # a file that is missing is damage, to whoever imports it
+        config={"write_empty_chunks": True},  # importers take a missing file for damage
     )

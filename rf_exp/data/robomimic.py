@@ -1,8 +1,8 @@
-"""Export as robomimic's HDF5: an episode a group, read by its `SequenceDataset`.
+"""Export as robomimic's HDF5: one group per episode, read by its `SequenceDataset`.
 
-Observations are those of the store under its names, one agent behind the other, and `<camera>_image`; as
-`actions` the joint targets in rad and gripper commands of all agents. Next observations are not kept twice:
-open it with `load_next_obs=False`. `mask/train` and `mask/valid` name what is learned from and what is not.
+Observations have the names of the store, agents concatenated, and `<camera>_image`; `actions` are the joint
+targets in rad and gripper commands of all agents. Next observations are not duplicated: open it with
+`load_next_obs=False`. `mask/train` and `mask/valid` name the training and validation episodes.
 """
 
 import json
@@ -17,7 +17,7 @@ from rf_exp.types import Episode
 PICTURES = ("gzip", "plain")  # both keep every pixel
 TAGS = ("robomimic",)
 FILE = "demonstrations.hdf5"
-VALID_EVERY = 10  # episodes, the share that robomimic's own script takes
+VALID_EVERY = 10  # episodes; the share of robomimic's own script
 
 
 def held(pictures: str) -> str:
@@ -46,10 +46,10 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
 
 
 def split(episodes: int) -> dict[str, list[int]]:
-    """Index of the episodes to learn from, `train`, and for validation, `valid`, in the order of the store.
+    """Indices of the training (`train`) and validation (`valid`) episodes, in the order of the store.
 
-    The last of every ten is for validation, and of fewer than ten the last; a single one is learned from. So
-    an episode keeps its part when a store of ten or more grows.
+    The last of every ten is for validation, or of fewer than ten the last; a single one is for training.
+    Episodes keep their part when a store of ten or more grows.
     """
     valid = range(min(VALID_EVERY, episodes) - 1, episodes, VALID_EVERY) if episodes > 1 else ()
     return {"train": [k for k in range(episodes) if k not in valid], "valid": [*valid]}

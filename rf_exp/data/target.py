@@ -1,4 +1,4 @@
-"""What exports share, and the libraries that they and imports need."""
+"""Shared helpers of the exporters, and optional libraries of exporters and importers."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 
-Advance = Callable[[], object]  # after each episode
+Advance = Callable[[], object]  # called after each episode
 
 
 def library(name: str) -> Any:
-    """A module that a format needs. Raises ArgumentError that says how it is installed."""
+    """Imports a module that a format needs. Raises ArgumentError that says how to install it."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -24,17 +24,17 @@ def library(name: str) -> Any:
 
 
 def create(group: Any, arrays: Mapping[str, NDArray[Any]], compressed: bool = False) -> None:
-    """Arrays of a group of an HDF5 file, by their names; compressed each row by itself."""
+    """Creates arrays in an HDF5 group, by name; `compressed` compresses each row as a chunk of its own."""
     for name, rows in arrays.items():
         chunked = {"chunks": (1, *rows.shape[1:]), "compression": "gzip"} if compressed else {}
         group.create_dataset(name, data=rows, **chunked)
 
 
 def flat(values: NDArray[Any]) -> NDArray[Any]:
-    """(T, N, D) of the agents -> (T, N * D)."""
+    """(T, N, D) -> (T, N * D)."""
     return values.reshape(len(values), -1)
 
 
 def last(steps: int) -> NDArray[np.bool_]:
-    """(T,) true in the last row: with its action every stored episode has succeeded, and is done."""
+    """(T,) true in the last row only: every stored episode succeeds, and ends, with its last action."""
     return np.arange(steps) == steps - 1

@@ -1,6 +1,6 @@
-"""Generation of checked demonstrations: RoboBrain (`brain`), motion, the loop.
+"""Generation of checked demonstrations: RoboBrain (`brain`), motion planning, the episode loop.
 
-What is asked for is imported then: an experiment is read without kinematics and simulator.
+Names are imported on first use, so that an experiment can be read without kinematics and simulator.
 """
 
 import lazy_loader

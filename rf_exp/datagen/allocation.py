@@ -1,8 +1,8 @@
-"""Who does what nobody was told to: by reach, the time that it takes, and what everybody has to do.
+"""Allocation of open jobs to agents, by reach, duration and the load of all agents.
 
-A plan may leave open who does a job: its subgoals are those of `ANYBODY`. A job is what is done with one
-thing in a row, from the grasp on, or one press. How long a job takes an agent is estimated as for
-look-ahead in planning, from where the agent is now, without what may be in the way; `assign` chooses.
+A plan may leave open which agent does a job: its subgoals are those of `ANYBODY`. A job is a run of subgoals
+with one object, from the grasp on, or one press. The duration of a job for an agent is estimated as in the
+look-ahead of planning, from the agent's present state and without obstacles; `assign` chooses.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,14 +25,14 @@ from rf_exp.statements import VERBS, Before, Proposal, Statement, Step
 from rf_exp.tasks import Task
 from rf_exp.types import ANYBODY, JointLimits, Scene, Subgoal
 
-Job = Sequence[Subgoal]  # of one agent, with one thing
+Job = Sequence[Subgoal]  # of one agent, with one object
 
 
 def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits) -> Proposal:
-    """The proposal with an agent in every place of anybody; itself where there is none.
+    """The proposal with an agent in place of every `ANYBODY`; unchanged where there is none.
 
     Each agent does its jobs in the order in which they are listed. Raises Unreachable for a job that no agent
-    can do, BadAnswer for what cannot be left open.
+    can do, BadAnswer for a job or constraint that cannot be left open.
     """
     if all(subgoal.agent != ANYBODY for subgoal in proposal.subgoals):
         for each in proposal.constraints:
@@ -40,12 +40,12 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
                 told = f"constraint {each.sentence!r} is about anybody, but the plan says who does what"
                 raise BadAnswer(f"{told}; name the agent")
         return proposal
-    # Nothing is in the way, and no path is looked for.
+    # Without obstacles and path search.
     reach = Reach(task.arms, limits, lambda *_, **__: None, Search(np.random.default_rng(0)))
     state = present_state(task, scene)
     jobs = list(_jobs(proposal.subgoals))
     takes_s = np.full((len(jobs), len(task.agents)), np.inf)
-    poses = dict(scene.poses)  # with what jobs before have moved
+    poses = dict(scene.poses)  # as earlier jobs leave them
     for job, row in zip(jobs, takes_s, strict=True):
         now, is_open = replace(state, poses=poses), job[0].agent == ANYBODY
         for agent in task.agents if is_open else (job[0].agent,):
@@ -54,14 +54,14 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
             what = (job[0].text,) if len(job) == 1 else (f"{job[0].text} and {job[-1].text}",)
             raise Unreachable(Cause.REACH, Finding.NOBODY, task.agents, subgoals=what)
         for each in job:
-            if each.verb == "place" and each.object is not None:  # how it is turned there is not known yet
+            if each.verb == "place" and each.object is not None:  # its rotation there is not known yet
                 goals = destinations(task, replace(each, agent=1), replace(scene, poses=poses))
                 poses[each.object] = goals[0]
                 break
     open_ = [number for number, job in enumerate(jobs) if job[0].agent == ANYBODY]
     told = np.nan_to_num(np.delete(takes_s, open_, axis=0), posinf=0.0).sum(axis=0)
     assigned = assign(takes_s[open_], told)
-    assert assigned is not None  # each can be done by somebody
+    assert assigned is not None  # some agent can do each of them
     chosen = dict(zip(open_, assigned.agents, strict=True))
     subgoals = tuple(
         replace(each, agent=chosen[number] + 1) if number in chosen else each
@@ -72,7 +72,7 @@ def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits)
 
 
 def _jobs(subgoals: Sequence[Subgoal]) -> Iterator[Job]:
-    """What is done with one thing by one agent in a row. Raises BadAnswer where nobody could begin so."""
+    """Splits subgoals into jobs. Raises BadAnswer where one of `ANYBODY` begins with another verb."""
     for (agent, name), run in groupby(subgoals, key=lambda each: (each.agent, each.object)):
         job: list[Subgoal] = []
         for each in run:
@@ -90,7 +90,7 @@ def _jobs(subgoals: Sequence[Subgoal]) -> Iterator[Job]:
 
 
 def _takes_s(task: Task, reach: Reach, job: Job, state: State) -> float:
-    """About how long a job takes its agent; 0 where that is not known, infinite where it cannot do it."""
+    """Estimated duration in s of a job for its agent; 0 where unknown, infinite where it cannot do it."""
     if VERBS[job[0].verb].meets not in ("grasp", "press"):
         return 0.0
     about = frozenset({*task.objects} & {job[0].object})
@@ -98,7 +98,7 @@ def _takes_s(task: Task, reach: Reach, job: Job, state: State) -> float:
 
 
 def _stated(constraints: Sequence[Statement], subgoals: Sequence[Subgoal]) -> Iterator[Statement]:
-    """The constraints with those who were chosen. An order that one agent keeps by itself is none."""
+    """The constraints with the chosen agents, without orders that have become those of a single agent."""
     for each in constraints:
         known = _known(each, subgoals, each.sentence)
         if known == each or not isinstance(known, Before) or len(set(known.agents)) == len(known.agents):
@@ -106,7 +106,7 @@ def _stated(constraints: Sequence[Statement], subgoals: Sequence[Subgoal]) -> It
 
 
 def _known(part: Any, subgoals: Sequence[Subgoal], sentence: str) -> Any:
-    """A statement, or a step, with the one agent that has to do with its thing in the place of anybody."""
+    """A statement, or a step, with `ANYBODY` replaced by the one agent that handles its object."""
     changes: dict[str, Any] = {
         key: _known(value, subgoals, sentence) for key, value in vars(part).items() if isinstance(value, Step)
     }

@@ -1,12 +1,12 @@
-"""Disturbed motion: demonstrations that show how to come back (DART, Laskey et al. 2017).
+"""Disturbed motion: demonstrations of recovery (DART, Laskey et al. 2017).
 
-The arms are sent along their paths with smooth perturbations added, while what they should have done stays
-what is learned: a policy that strays sees states like these, and what leads back from them. Perturbations are
-added to positions of the path, not to moments, so that the disturbed motion is a trajectory like any other,
-which the same schedule runs and the same checks judge. A disturbed arm keeps clear of things, and is watched.
+The arms execute their paths with smooth perturbations added, while the intended commands are the ones that
+are learned: they show a policy what leads back from states off the path. Perturbations are added to path
+positions, not to time steps, so that the disturbed motion is a trajectory like any other, run by the same
+schedule and judged by the same checks. A disturbed arm keeps clear of objects, whose motion is monitored.
 
-What perturbations add is bounded: `TALLEST` standard deviations, and `ADDED` to the velocity and the
-acceleration of a joint. Disturbed motion is within the sum of that and the limits of the plan.
+Perturbations are bounded: by `TALLEST` standard deviations, and by `ADDED` in velocity and acceleration of a
+joint. Disturbed motion stays within the sum of these and the limits of the plan.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -25,38 +25,38 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix, apply, inverse
 from rf_exp.types import CONTROL_DT_S, JointLimits, Scene, Schedule, Segment, Trajectory, arm_of
 
-PERTURBATION_STEPS = (10, 25)  # how long a perturbation lasts, shortest and longest
-GAP_STEPS = (2, 8)  # between two perturbations; from two on, none adds to the acceleration of another
-TALLEST = 3.0  # standard deviations
-# Together with the default limits of a plan less than any joint of the arms can: 2.17 rad/s, 7.5 rad/s2.
+PERTURBATION_STEPS = (10, 25)  # shortest and longest duration of a perturbation
+GAP_STEPS = (2, 8)  # between two perturbations; from 2 on, their accelerations do not add up
+TALLEST = 3.0  # bound on the peak of a perturbation, in standard deviations
+# Added to the default limits of a plan, still below those of every joint of the arms: 2.17 rad/s, 7.5 rad/s2.
 ADDED = JointLimits(velocity_rad_s=1.2, acceleration_rad_s2=6.5)
-CALM_STEPS, FADE_STEPS = 4, 16  # before and after the fingers move: undisturbed, then ever more
-CARRYING, TOGETHER = 0.4, 0.2  # part of the strength while something is held, and held by several
+CALM_STEPS, FADE_STEPS = 4, 16  # around gripper changes, contacts and the end: undisturbed, then fading in
+CARRYING, TOGETHER = 0.4, 0.2  # share of the strength while an object is held, and held by several arms
 TOUCHING = ("press", "strike", "shut")  # primitives that end in contact
-PARTS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.0)  # of a perturbation; mirrored, it leads away from a thing
-KEEPS_M = 0.015  # of a thing, where its plan does: it trails its commands, the more the faster they change
+PARTS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.0)  # scales tried in turn; mirroring leads away from an object
+KEEPS_M = 0.015  # clearance from objects, where the plan has it; arms lag, most where commands change fast
 MOVED_M = 0.005
 
 
 @dataclass
 class _Perturbation:
-    """A smooth motion of all joints away from a path and back, and what is left of it."""
+    """Smooth deviation of all joints from a path and back, and its present scale."""
 
-    begins: int  # the path position before the first that is moved
-    offsets_rad: Floats  # (L, dof) of all of it
-    part: int = 0  # of PARTS
+    begins: int  # the path position before the first disturbed one
+    offsets_rad: Floats  # (L, dof) at full scale
+    part: int = 0  # index of PARTS
 
     @property
     def ends(self) -> int:
-        """The path position behind the last that is moved."""
+        """The path position after the last disturbed one."""
         return self.begins + len(self.offsets_rad) + 1
 
 
 class Disturbance:
-    """Perturbations on all joints of the trajectories of a plan, less of them wherever something objects.
+    """Perturbations of all joints along the trajectories of a plan, reduced where a check fails.
 
-    Ends of the trajectories, moments at which fingers open and close, and contacts stay as they are; around
-    them, and while something is held, perturbations are smaller.
+    Ends of trajectories, gripper changes and contacts stay undisturbed; around them, and while an object is
+    held, perturbations are smaller.
     """
 
     def __init__(
@@ -67,21 +67,21 @@ class Disturbance:
         strength_rad: float,
         rng: np.random.Generator,
     ) -> None:
-        """`strength_rad` is the standard deviation at the tops; `schedule` says when arms wait."""
+        """`strength_rad` is the standard deviation of the peaks; `schedule` tells when arms wait."""
         self._trajectories = tuple(trajectories)
-        self._kept = {  # of each agent
+        self._kept = {  # agent -> perturbations
             each.agent: _perturbations(arms[each.agent], each, schedule, strength_rad, rng)
             for each in trajectories
         }
 
     def trajectories(self) -> tuple[Trajectory, ...]:
-        """The trajectories as they are disturbed now."""
+        """The trajectories with the perturbations at their present scales."""
         return tuple(map(self._disturbed, self._trajectories))
 
     def lessen(self, wrong: Collection[tuple[int, int]]) -> bool:
-        """Mirrors, makes smaller or leaves out what is added at wrong places: agents, path positions.
+        """Mirrors, reduces or drops the perturbations at wrong places (agent, path position).
 
-        Where no perturbation is at any of them the nearest ones. Whether there were any.
+        If no perturbation covers any of the places, the nearest ones. Returns whether there were any.
         """
         found = [each for each in (self._nearest(*place) for place in wrong) if each is not None]
         least = min((away for _, away in found), default=0)
@@ -91,13 +91,13 @@ class Disturbance:
         return bool(lessened)
 
     def _nearest(self, agent: int, position: int) -> tuple[_Perturbation, int] | None:
-        """The perturbation of an agent that is nearest to a path position, and how many steps away it is."""
+        """The remaining perturbation of an agent nearest to a path position, and its distance in steps."""
         left = [each for each in self._kept[agent] if PARTS[each.part]]
         away = [max(each.begins - position, position - each.ends, 0) for each in left]
         return min(zip(left, away, strict=True), key=lambda each: each[1], default=None)
 
     def _disturbed(self, trajectory: Trajectory) -> Trajectory:
-        offsets = np.zeros_like(arm_of(trajectory.path()))  # of each path position
+        offsets = np.zeros_like(arm_of(trajectory.path()))  # per path position
         for each in self._kept[trajectory.agent]:
             offsets[each.begins + 1 : each.ends] = PARTS[each.part] * each.offsets_rad
         segments: list[Segment] = []
@@ -110,7 +110,7 @@ class Disturbance:
 def _perturbations(
     arm: Arm, trajectory: Trajectory, schedule: Schedule, strength_rad: float, rng: np.random.Generator
 ) -> list[_Perturbation]:
-    """Those of one agent, one after the other."""
+    """The perturbations of one agent, in their order along its path."""
     positions = schedule.positions[:, trajectory.agent - 1]
     share, steps, found = _share(trajectory), len(trajectory), list[_Perturbation]()
     begins = int(rng.integers(0, GAP_STEPS[1] + 1))
@@ -130,14 +130,14 @@ def _perturbations(
 def _bounded(
     offsets_rad: Floats, begins: int, trajectory: Trajectory, positions: NDArray[np.int64], limits_rad: Floats
 ) -> Floats:
-    """Less of a perturbation where it would add more than `ADDED`, or mirrored lead beyond a joint stop.
+    """The perturbation, scaled down per joint where it exceeds `ADDED` or, also mirrored, a joint limit.
 
-    `positions` (T + 1,) of its path are those at which the agent is.
+    `positions` (T + 1,) are the path positions of the agent over time.
     """
     moved, qpos = slice(begins + 1, begins + len(offsets_rad) + 1), arm_of(trajectory.path())
     path = np.zeros_like(qpos)
     path[moved] = offsets_rad
-    added = np.pad(path[positions], ((1, 1), (0, 0)), mode="edge")  # where an arm waits it stops at once
+    added = np.pad(path[positions], ((1, 1), (0, 0)), mode="edge")  # a waiting arm stops at once
     velocity = np.diff(added, axis=0) / CONTROL_DT_S
     acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
     fastest, hardest = (np.abs(each).max(axis=0) for each in (velocity, acceleration))
@@ -150,7 +150,7 @@ def _bounded(
 
 
 def _share(trajectory: Trajectory) -> Floats:
-    """(P,) which part of the strength each position of a path gets, from the first behind its start on."""
+    """(P,) share of the strength at each path position, beginning with the first after the start."""
     steps = len(trajectory)
     part, calm = np.ones(steps), np.zeros(steps, dtype=bool)
     for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
@@ -163,7 +163,7 @@ def _share(trajectory: Trajectory) -> Floats:
             calm[span] = True
         elif segment.primitive in TOUCHING:
             calm[end - 1] = True
-    calm[-1:] = True  # what follows begins where the plan ends
+    calm[-1:] = True  # the next plan begins where this one ends
     still = np.flatnonzero(calm)
     if not len(still):
         return part
@@ -172,9 +172,9 @@ def _share(trajectory: Trajectory) -> Floats:
 
 
 def nearer(plan: Plan, disturbed: Paths) -> Iterator[tuple[int, int]]:
-    """Agents and path positions at which disturbed paths lead nearer to a thing at rest than the plan does.
+    """Agents and path positions at which disturbed paths come nearer to an object at rest than the plan does.
 
-    Also to one that is about to be gripped: checks leave it to a gripper how it comes to what it may touch.
+    Includes objects about to be grasped: checks do not limit how a gripper approaches what it may touch.
     """
     for agent, body in zip(plan.task.agents, disturbed.swept, strict=True):
         paths = (arm_of(each.trajectory(agent).path()) for each in (plan.paths, disturbed))
@@ -195,9 +195,9 @@ def nearer(plan: Plan, disturbed: Paths) -> Iterator[tuple[int, int]]:
 
 
 def _at_rest(plan: Plan, name: str) -> Iterator[tuple[Matrix, Mask]]:
-    """Where a thing lies while nobody moves it, and (T + 1,) in which steps of the plan."""
+    """The poses of an object while no agent moves it, each with a mask (T + 1,) of the steps of the plan."""
     steps = len(plan.schedule) + 1
-    movers = np.zeros(steps, int)  # who moves it now, or has moved it last
+    movers = np.zeros(steps, int)  # agent that moves it now, or moved it last
     moves = np.zeros(steps, bool)
     for agent, body in zip(plan.task.agents, plan.paths.swept, strict=True):
         if name in body.carried:
@@ -215,7 +215,7 @@ def _at_rest(plan: Plan, name: str) -> Iterator[tuple[Matrix, Mask]]:
 
 
 def _whole(body: Swept, rows: NDArray[np.int64], name: str) -> Swept:
-    """A body at some of its positions, without a thing, and that may touch nothing."""
+    """A body at some of its positions, without one object and without permitted contacts."""
     of = np.array([k for k, label in enumerate(body.labels) if label != name])
     pieces, labels = tuple(body.pieces[k] for k in of), tuple(body.labels[k] for k in of)
     carried = {each: mask[rows] for each, mask in body.carried.items() if each != name}
@@ -225,15 +225,15 @@ def _whole(body: Swept, rows: NDArray[np.int64], name: str) -> Swept:
 
 
 class ObjectMotionWatch:
-    """Watches clutter, and the things of a plan that are not being handled: they stay where they are."""
+    """Monitor of clutter, and of the objects of a plan that no agent handles: they must not move."""
 
     def __init__(self, plan: Plan, *, objects: bool) -> None:
-        """`plan` is what is executed; without `objects` clutter alone is watched."""
+        """`plan` is the one being executed; without `objects`, only clutter is watched."""
         self._plan, self._objects = plan, objects
         self._rest = self._places_m(plan.scene)
 
     def unintended(self, scene: Scene) -> Violation | None:
-        """What has moved by now that nobody handles."""
+        """The violation for the first object that moved without being handled, if any."""
         handled = self._handled(scene) if self._objects else ()
         for name, here in self._places_m(scene).items():
             if name in handled:
@@ -248,12 +248,12 @@ class ObjectMotionWatch:
         return None
 
     def _places_m(self, scene: Scene) -> dict[str, Floats]:
-        """Where everything is that is watched."""
+        """Positions (3,) of everything that is watched."""
         poses = {**scene.clutter, **scene.poses} if self._objects else scene.clutter
         return {name: pose[:3, 3] for name, pose in poses.items()}
 
     def _handled(self, scene: Scene) -> set[str]:
-        """What is held or touched on purpose. An arm that only comes close to a thing must not move it."""
+        """Objects held or touched on purpose, with contents. An approaching arm must not move its object."""
         found = {name for name in scene.held if name is not None}
         for agent in self._plan.task.agents:
             position = self._plan.position_now(agent, scene)
@@ -266,7 +266,7 @@ class ObjectMotionWatch:
 
 
 def _lies_in(task: Task, scene: Scene, name: str, into: str) -> bool:
-    """Whether a thing is within one that things are put into: it goes where that goes."""
+    """Whether an object lies inside a container, with which it moves."""
     asset = task.asset(into)
     if not any(point.kind == "drop" for point in asset.points.values()):
         return False

@@ -1,7 +1,7 @@
-"""Arms driven along plans, watched and stopped: for demonstrations, and for plans of the library.
+"""Monitored execution of plans, with controlled stops: for demonstrations, and for plans of the library.
 
-To stop, the clock of the schedule slows down until nobody moves. All arms slow down together, so they pass
-only through configurations that the schedule has them pass through, and keep clear of one another as planned.
+To stop, the clock of the schedule slows down until all arms are at rest. They slow down together, so they
+pass only through configurations of the schedule, and keep clear of one another as planned.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -19,41 +19,41 @@ from rf_exp.datagen.planning import Planned
 from rf_exp.findings import CheckName, Violation
 from rf_exp.types import CONTROL_DT_S, JointLimits, Scene, arm_of, fingers_of
 
-SLOWEST = 1e-3  # of the planned pace: less than this is rest
-_PACES = 65  # tried for each control step, from standing still to the pace of the step before
+SLOWEST = 1e-3  # share of the planned pace; below it an arm counts as at rest
+_PACES = 65  # candidates for each control step, from rest to the pace of the step before
 
 Command = NDArray[np.float64]  # (N, A): joint targets in rad and grippers, for a control step
 Commands = NDArray[np.float64]  # (K, N, A)
 
 
 class Arms(Protocol):
-    """All arms of a scene, which take one command after the other."""
+    """All arms of a scene, which execute one command after the other."""
 
     @property
-    def scene(self) -> Scene: ...  # as it was measured last
+    def scene(self) -> Scene: ...  # last measured
 
     @property
     def told(self) -> Command | None: ...  # the last command; None before the first
 
     @property
-    def over(self) -> bool: ...  # whether they are to take no more
+    def over(self) -> bool: ...  # whether execution is to end
 
     def take(self, command: Command) -> None: ...  # one control step
 
 
 def commands_of(plan: Planned) -> Commands:
-    """(T + 1, N, A): where the arms begin, and what the plan sends them in each control step."""
+    """(T + 1, N, A): the start of the arms, and the command of each control step of the plan."""
     return from_start(plan, actions(plan.executed, plan.schedule))
 
 
 def from_start(plan: Planned, commands: Commands) -> Commands:
-    """Commands of a plan (T, N, A) behind a row of where its arms begin (T + 1, N, A)."""
+    """Commands of a plan (T, N, A), preceded by a row for the start of its arms (T + 1, N, A)."""
     start = alike([trajectory.path()[:1] for trajectory in plan.trajectories])
     return np.concatenate([np.stack(start, axis=1), commands])
 
 
 def follow(arms: Arms, commands: Commands) -> None:
-    """Carries out commands until it is over."""
+    """Executes commands until `arms.over`."""
     for command in commands:
         if arms.over:
             break
@@ -68,11 +68,11 @@ def drive(
     take: Callable[[int], None] | None = None,
     rest: Callable[[int], None] | None = None,
 ) -> Violation | None:
-    """Carries out the `commands_of` a plan until it is over, or its monitor objects to a control step.
+    """Executes the `commands_of` a plan until `arms.over` or a violation of the monitor, which is returned.
 
-    Then everybody comes to rest along the plan, and arms that have hit something no longer push. `take` takes
-    a step of the plan, by its row; without it the command of that row is taken. `rest` comes to rest after a
-    row; without it the commands do.
+    After a violation all arms come to rest along the plan, and arms in a collision stop pushing. `take`
+    executes one row of the plan; by default the command of that row. `rest` brings the arms to rest after a
+    row; by default along the commands.
     """
     take = take or (lambda now: arms.take(commands[now]))
     rest = rest or (lambda now: follow(arms, come_to_rest(commands, now, limits)))
@@ -90,9 +90,9 @@ def drive(
 
 
 def as_commanded(scene: Scene, command: Command | None) -> Scene:
-    """The scene with the arms where `command` (N, A) has sent them last; as it is where there was none.
+    """The scene with the arms at their last `command` (N, A); unchanged for None.
 
-    They trail their targets a little; motion that began at the measured joints would jerk back.
+    Arms lag behind their targets a little; motion that began at the measured joints would jerk back.
     """
     if command is None:
         return scene
@@ -100,10 +100,10 @@ def as_commanded(scene: Scene, command: Command | None) -> Scene:
 
 
 def come_to_rest(commands: Commands, now: int, limits: JointLimits | Sequence[JointLimits]) -> Commands:
-    """Commands (K, N, A) that follow `commands` (T, N, A) beyond row `now` ever slower, and end at rest.
+    """Commands (K, N, A) that follow `commands` (T, N, A) beyond row `now`, ever slower until at rest.
 
-    Row 0 of `commands` is where the arms stood before the first of them. Nowhere is a joint faster or
-    accelerated more than `limits` allow, of all of the N or of each.
+    Row 0 of `commands` is the start of the arms. Velocity and acceleration of all joints stay within
+    `limits`: one for all N arms, or one for each.
     """
     each = [limits] * commands.shape[1] if isinstance(limits, JointLimits) else limits
     allowed = np.repeat([of.acceleration_rad_s2 for of in each], commands.shape[2] - 1)
@@ -113,7 +113,7 @@ def come_to_rest(commands: Commands, now: int, limits: JointLimits | Sequence[Jo
     q_before, q_here = path(before), path(here)
     rows = []
     while here - before > SLOWEST:
-        # To go on at the same pace is always within the limits: the plan is, and slower is easier.
+        # Keeping the pace is always within the limits: the plan is, and slower is easier.
         paces = np.linspace(0.0, here - before, _PACES)
         ahead = np.minimum(here + paces, len(commands) - 1)
         steep = np.abs(path(ahead) - 2 * q_here + q_before) / CONTROL_DT_S**2
@@ -130,10 +130,10 @@ def come_to_rest(commands: Commands, now: int, limits: JointLimits | Sequence[Jo
 def come_to_rest_disturbed(
     meant: Commands, executed: Commands, now: int, limits: JointLimits
 ) -> tuple[Commands, Commands]:
-    """`come_to_rest` of commands (T, N, A) that are executed otherwise than meant: (K, N, A) of each.
+    """`come_to_rest` of commands (T, N, A) whose execution is disturbed: (K, N, A) meant, and executed.
 
-    Both follow one clock. Where the arms have come to rest they stay, and that is where they are meant to be
-    in the end: what is meant goes there within `limits`.
+    Both follow one clock. The arms stay where they come to rest; the meant commands then lead there too,
+    within `limits`.
     """
     size = meant.shape[1]
     added = JointLimits(
@@ -150,10 +150,10 @@ def come_to_rest_disturbed(
 def let_off(
     command: Command, qpos: NDArray[np.float64], agents: Collection[int], limits: JointLimits
 ) -> Commands:
-    """Commands (K, N, A) that take some agents from the present command (N, A) to where they were measured.
+    """Commands (K, N, A) that move some agents from the present command (N, A) to their measured joints.
 
-    `qpos` has the joints of the arms first. An arm that was kept from following its command pushes; there it
-    no longer does.
+    Rows of `qpos` begin with the joints of the arm. An arm that is kept from following its command pushes; at
+    its measured joints it no longer does.
     """
     told = arm_of(command)
     motions = {
@@ -163,6 +163,6 @@ def let_off(
     rows = np.tile(command, (max(map(len, motions.values()), default=0), 1, 1))
     for agent, points in motions.items():
         if len(points):
-            ends = np.minimum(np.arange(len(rows)), len(points) - 1)  # who is there first waits
+            ends = np.minimum(np.arange(len(rows)), len(points) - 1)  # the first to arrive waits
             arm_of(rows)[:, agent - 1] = points[ends]
     return rows

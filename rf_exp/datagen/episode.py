@@ -1,7 +1,7 @@
-"""An episode: propose, plan, check, execute, explain, propose again (paper, section 3.1); and many of them.
+"""Generation of episodes: propose, plan, check, execute, explain, propose again (paper, section 3.1).
 
-Every proposal starts from the scene as it is measured then, so a violation half-way through costs what is
-left, not what is done.
+Every proposal starts from the scene as measured at that time, so a violation half-way through costs only the
+remaining work.
 """
 
 import json
@@ -56,14 +56,14 @@ from rf_exp.types import (
     Verdict,
 )
 
-_ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
-_SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
-_CALMER = 40  # times that a plan is disturbed less, where something objects, before it is not at all
+_ROUNDS = 12  # successful proposals in a row, at most; a plan that never ends is a failure
+_SETTLE_STEPS = 20  # after the last motion, for objects to come to rest and be judged
+_CALMER = 40  # reductions of the disturbance of a plan, where a check fails, before it stays undisturbed
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one seed. `episode` is there for successes only."""
+    """Result of one seed. `episode` is set for successes only."""
 
     seed: int
     success: bool
@@ -72,10 +72,10 @@ class Outcome:
     attempts: int  # proposals that ended in a violation, plus the last one
     contacts: int  # control steps in which arms touched each other
     wall_s: float
-    # Which violations ended proposals, which arms touched, what failed.
+    # Violations that ended proposals, contacts between arms, unmet conditions.
     account: Account = field(default_factory=Account)
     episode: Episode | None = None
-    dialogue: Dialogue = field(default_factory=Dialogue)  # what was proposed, and what became of it
+    dialogue: Dialogue = field(default_factory=Dialogue)  # the answers and their outcomes
 
     @property
     def violations(self) -> int:
@@ -84,12 +84,12 @@ class Outcome:
 
     @property
     def reason(self) -> str:
-        """Why it failed, in words; empty for a success."""
+        """The reason of a failure, in words; empty for a success."""
         return "" if self.success else self.account.reason
 
 
 class Observer(Protocol):
-    """Looks on while an episode is made, e.g. to record it. Must not change anything."""
+    """Observer of the generation loop, e.g. a recorder. Must not change anything."""
 
     def planned(self, plan: Planned) -> None:
         pass
@@ -104,21 +104,21 @@ class Observer(Protocol):
 
 
 class NullObserver(Observer):
-    """The observer that looks away."""
+    """Observer that does nothing."""
 
 
 class Trace(NullObserver):
-    """An observer of the generation loop; afterwards it has an `Execution` of every plan."""
+    """Observer of the generation loop that keeps an `Execution` of every plan."""
 
     def __init__(self) -> None:
         self._scenes: list[Scene] = []
-        self._plans: list[tuple[Planned, float]] = []  # and the control step of the violation that ended each
+        self._plans: list[tuple[Planned, float]] = []  # with the control step of the violation that ended it
 
     def planned(self, plan: Planned) -> None:
         self._plans.append((plan, inf))
 
     def rejected(self, violation: Violation) -> None:
-        if self._plans:  # one that was refused before anything moved is later than the last plan's end
+        if self._plans:  # a violation before any motion is later than the last plan's end
             made, stopped = self._plans.pop()
             self._plans.append((made, min(stopped, round(violation.time_s * CONTROL_HZ))))
 
@@ -130,7 +130,7 @@ class Trace(NullObserver):
     def executions(self) -> list[tuple[Planned, Execution]]:
         """Every plan with the control steps that its monitor has judged.
 
-        The step that ended in success is not among them: nobody had to judge it any more.
+        The step that ended in success is not among them, as it is not judged any more.
         """
         found = []
         for made, stopped in self._plans:
@@ -143,13 +143,13 @@ class Trace(NullObserver):
 
 @dataclass(frozen=True)
 class EpisodeMaker:
-    """Makes one episode of `settings` in a world. One object for one seed: a brain is of one episode."""
+    """Generator of one episode of `settings` in a world. Use one per seed, as a brain is for one episode."""
 
     settings: Settings
     world: SeeingWorld
     brain: Brain
     observer: Observer = field(default_factory=NullObserver)
-    # Takes what an episode holds of each step beside its images (`Episode.extras`).
+    # Returns the arrays stored for each step beside its images (`Episode.extras`).
     extras: Callable[[], Mapping[str, NDArray]] = dict
 
     def make(
@@ -157,8 +157,8 @@ class EpisodeMaker:
     ) -> Outcome:
         """Runs the loop from the scene of `seed` to success or to the end of the budget.
 
-        Before that, commands (N, A) of somebody else may `lead` to where it begins; their steps are stored as
-        nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
+        Commands (N, A) of another controller may `lead` to where it begins; their steps are stored with the
+        subgoal `NOBODYS`. `known` subgoals of each agent keep their numbers.
         """
         made = _Making(self, seed, known).run(lead)
         if isinstance(self.brain, LanguageBrain):
@@ -167,20 +167,20 @@ class EpisodeMaker:
 
 
 def missing(asked: Iterable[Statement], stated: Iterable[Statement]) -> list[Statement]:
-    """Those constraints that nothing stated asks of the same agents and things, whatever its numbers."""
+    """Constraints in `asked` without one in `stated` for the same agents and objects; numbers are ignored."""
     known = {_about(each) for each in stated}
     return [each for each in asked if _about(each) not in known]
 
 
 def _about(stated: Statement) -> tuple[object, ...]:
-    """What two statements have in common that differ in their numbers, or in the order of agents, alone."""
+    """Key that is equal for statements that differ only in their numbers or in the order of agents."""
     steps: Iterator[object] = (part for part in vars(stated).values() if isinstance(part, Step))
     words = (part for part in vars(stated).values() if isinstance(part, str))
     return type(stated), frozenset(stated.agents), frozenset(stated.names), *steps, *words
 
 
 class _Frame(NamedTuple):
-    """One control step: what was seen, what was intended then, what was done, what for, what it led to."""
+    """One control step: observation, intended and executed action, subgoals, and the verdict afterwards."""
 
     scene: Scene
     action: NDArray[np.float64]  # (N, A)
@@ -192,7 +192,7 @@ class _Frame(NamedTuple):
 
 
 class _Making:
-    """One episode while it is made, from the scene of its seed on."""
+    """Generation of one episode, from the scene of its seed on."""
 
     def __init__(self, maker: EpisodeMaker, seed: int, known: Sequence[Iterable[str]]) -> None:
         self._began = time.perf_counter()
@@ -216,7 +216,7 @@ class _Making:
             self.take(command)
         self._doing = np.zeros_like(self._doing)
         rejections = self._rounds(np.random.default_rng([self._seed, PLANNING]))
-        if self.told is not None:  # what was put down may need a moment to come to rest
+        if self.told is not None:  # placed objects may still be moving
             follow(self, np.tile(self.told, (_SETTLE_STEPS, 1, 1)))
         success = self._verdict.success and not self._object_moved
         told = [frame.action for frame in self._frames]
@@ -235,7 +235,7 @@ class _Making:
         )
 
     def _rounds(self, rng: np.random.Generator) -> list[Violation]:
-        """Proposals until it is done or the budget is: what ended some of them."""
+        """Runs proposals until success or the end of the budget; returns the violations among them."""
         settings, rejections = self._settings, list[Violation]()
         feedback: tuple[Violation, ...] = ()
         done: tuple[Subgoal, ...] = ()
@@ -261,7 +261,7 @@ class _Making:
     def _note(
         self, question: Question, plan: Planned | Violation | None, violation: Violation | None
     ) -> None:
-        """Keeps what became of RoboBrain's answer, beside what the scripted plan asks there."""
+        """Records the outcome of RoboBrain's answer, compared with the constraints of the scripted plan."""
         ruling, told = Ruling.NOTHING_LEFT if violation is None else Ruling.REFUSED, dict[str, float]()
         if isinstance(plan, Planned):
             ruling = Ruling.CARRIED_OUT if violation is None else Ruling.STOPPED
@@ -288,9 +288,9 @@ class _Making:
         return plan
 
     def _disturbed(self, plan: Planned, scene: Scene) -> Planned:
-        """The plan as it will be executed: disturbed, as far as things and its checks let it be.
+        """The plan as it will be executed: disturbed, as far as objects and checks permit.
 
-        The disturbed motion is then the plan that was checked, and that is monitored.
+        Checks and monitor then judge the disturbed motion.
         """
         strength_rad = self._settings.disturbance_rad
         if not strength_rad:
@@ -311,14 +311,14 @@ class _Making:
         return plan
 
     def _concerned(self, violation: Violation, plan: Planned, scene: Scene) -> Iterator[tuple[int, int]]:
-        """The agents that a violation of a plan is about, and where they are on their paths then."""
+        """The agents of a violation of a plan, and their path positions at its time."""
         positions = plan.schedule.positions
         now = np.clip(round(violation.time_s / CONTROL_DT_S) - scene.step, 0, len(positions) - 1)
         for agent in violation.agents or self._settings.task.agents:
             yield agent, int(positions[now, agent - 1])
 
     def _looked_at(self, scene: Scene) -> Scene:
-        """The scene with what the depth cameras see now, where spatial constraints ask for it."""
+        """The scene with the voxels that depth cameras see now, where spatial constraints use them."""
         settings = self._settings
         if settings.occupancy == "state" or not settings.constraint_set.spatial:
             return scene
@@ -350,20 +350,20 @@ class _Making:
 
     @property
     def told(self) -> NDArray[np.float64] | None:
-        """(N, A) what the arms were last told, if anything."""
+        """(N, A) the last executed command, if any."""
         return self._frames[-1].executed if self._frames else None
 
     @property
     def over(self) -> bool:
-        """Whether nothing is left to do, or nothing to be made of it any more."""
+        """Whether the episode has succeeded, or cannot any more, as an object was moved unintentionally."""
         return self._verdict.success or self._object_moved is not None
 
     def take(self, command: NDArray[np.float64]) -> None:
-        """One control step that is meant as it is carried out."""
+        """One control step whose intended command is the executed one."""
         self._step(command, command)
 
     def _step(self, action: NDArray[np.float64], executed: NDArray[np.float64]) -> None:
-        # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
+        # Rounded as it is stored, so that a replay of the store gives the same episode to the last bit.
         action, executed = (each.astype(np.float32).astype(float) for each in (action, executed))
         pictures = self._world.images() if self._world.cameras else {}
         seen = self.scene, action, executed, pictures, self._doing, self._extras()
@@ -374,7 +374,7 @@ class _Making:
         self._frames.append(_Frame(*seen, self._verdict))
 
     def _episode(self) -> Episode:
-        """All of it as a demonstration."""
+        """The whole episode as a demonstration."""
         task = self._settings.task
         scenes, intended, executed, images, numbers, extras, verdicts = zip(*self._frames, strict=True)
         certificate = {
@@ -400,13 +400,13 @@ class _Making:
 
 
 def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
-    """(T, 4, 4) -> (T, dof) position in m and quaternion w, x, y, z."""
+    """(T, 4, 4) -> (T, 7) position in m and quaternion w, x, y, z."""
     parts = [world_from_object[:, :3, 3], quaternion(world_from_object)]
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 def _judged(verdicts: Sequence[Verdict]) -> Judged:
-    """How far each condition was met, step by step."""
+    """The value, bound and verdict of every condition of success at each step."""
     names = tuple(verdicts[0].evidence)
     plain = {holds: Measured(holds, float(holds), 1.0, "", True) for holds in (False, True)}
     found = [[each.measured.get(n, plain[each.evidence[n]]) for n in names] for each in verdicts]
@@ -428,18 +428,18 @@ def make_episode(
     known: Sequence[Iterable[str]] = (),
     extras: Extras = NO_EXTRAS,
 ) -> Outcome:
-    """One episode in this process, seen by these cameras, or those that `pictures` says.
+    """One episode, generated in this process, with these cameras, by default those of `pictures`.
 
-    `extras` says what else it keeps of what they see; `lead` and `known` as in `EpisodeMaker.make`.
+    `extras` selects what is stored of depth and segmentation; `lead` and `known` as in `EpisodeMaker.make`.
     The same arguments give the same bytes, whatever ran before.
     """
     cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
-    world = shared_simulator(settings.task, pictures)  # which draws the scene of a seed itself
+    world = shared_simulator(settings.task, pictures)  # samples the scene of a seed itself
     take = partial(depth_and_segmentation, world, cameras, extras)
     brain = settings.make_brain(seed)
     with about(f"seed {seed}"):
         made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
-    if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # it shows nothing of the fault
+    if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # says nothing about the fault
         ended = f"the fault {brain.fault.name} was not planted: no plan in this scene has a place for it"
         return replace(made, success=False, episode=None, account=Account(ended=ended))
     return made
@@ -451,7 +451,7 @@ def generate(
     """Outcomes of `seeds` in their order, each made by `make`, in `workers` processes.
 
     A seed that takes longer than `limit_s` has failed, and the others go on. The caller may stop
-    early; seeds then under way are thrown away. Bytes do not depend on `workers`.
+    early, which discards seeds under way. Bytes do not depend on `workers`.
     """
     jobs = (partial(make, seed) for seed in seeds)
     for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):

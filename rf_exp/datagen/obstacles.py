@@ -1,4 +1,4 @@
-"""What is in the way: of a motion, as far as the row of constraints lets the planner see, and at a place."""
+"""Obstacles of motions, as far as the set of constraints lets the planner see them, and occupied places."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,24 +28,24 @@ from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
 from rf_exp.types import ConstraintSet, Scene, Subgoal, fingers_of
 
-InTheWay = tuple[Sequence[Obstacle], Swept, float]  # obstacles, all of them as one, m that they keep free
+InTheWay = tuple[Sequence[Obstacle], Swept, float]  # obstacles, their joined body, clearance in m
 
 
 class Obstacles:
-    """The static world of a planner: objects, table and arms where the predicted state has them.
+    """Static obstacles of a planner: objects, table and arms as in the predicted state.
 
-    Without spatial constraints the planner is blind to everything but what its subgoal is about and the
-    table it is bolted to. Where the scene has been looked at by depth cameras, what they see is in the way.
+    Without spatial constraints only the objects of the present subgoal and the table are obstacles. Where
+    depth cameras have observed the scene, so are the voxels that they see.
     """
 
     def __init__(self, task: Task, scene: Scene, constraint_set: ConstraintSet, proposal: Proposal) -> None:
         self._task, self._scene, self._constraint_set, self._proposal = task, scene, constraint_set, proposal
         self._seen = Seen(PlanningScene(task, scene)) if scene.seen is not None else None
-        # A search for a path asks about the same ones over and over.
+        # Cached, as a path search queries the same state over and over.
         self._surroundings = lru_cache(maxsize=1)(self._looked_up)
 
     def blocked(self, *, avoid_arms: bool) -> Blocked:
-        """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
+        """The collision test of motion primitives; with `avoid_arms`, arms at rest are obstacles too."""
 
         def test(
             agent: int,
@@ -73,7 +73,7 @@ class Obstacles:
         return test
 
     def how_near(self, blockage: Blockage) -> dict[str, Any]:
-        """How near which parts come, as facts of a `Found`; none where the arm itself or the table blocks."""
+        """The nearest parts and their distance, as facts of a `Found`; none for the arm itself or table."""
         agent, state, touches, obstacle = blockage.agent, blockage.state, blockage.touches, blockage.obstacle
         planning_scene, in_the_way = self._surroundings(agent, state, touches, True)
         body = _body(planning_scene, agent, blockage.points, state, touches)
@@ -87,7 +87,7 @@ class Obstacles:
     def _looked_up(
         self, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
     ) -> tuple[PlanningScene, Sequence[InTheWay]]:
-        """The predicted scene, and what is in the way there; many together, as most often none is near."""
+        """The predicted scene and its obstacles; many are joined into one body, as mostly none is near."""
         qpos = self._scene.qpos.copy()
         for each, joints in state.qpos.items():
             qpos[each - 1, : len(joints)] = joints
@@ -106,12 +106,12 @@ class Obstacles:
         arms = [other for other in self._task.agents if avoid_arms and spatial and other != agent]
         if free := [other for other in arms if other not in state.held]:
             found.append((free, joined([*map(planning_scene.measured, free)]), AGENT_MARGIN_M))
-        laden = (other for other in arms if other in state.held)  # may be met by who takes what it holds
+        laden = (other for other in arms if other in state.held)  # an agent may touch a load it takes over
         found += [([other], planning_scene.measured(other), AGENT_MARGIN_M) for other in laden]
         return planning_scene, found
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
-        """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""
+        """Objects whose voxels the agent ignores: those of its subgoals, and held or recently moved ones."""
         about = {name for subgoal in self._proposal.of(agent) for name in subgoal.names}
         held = {name for name, _ in state.held.values()}
         poses = self._scene.poses
@@ -122,19 +122,19 @@ class Obstacles:
 def _body(
     planning_scene: PlanningScene, agent: int, points: Points, state: State, touches: frozenset[str]
 ) -> Swept:
-    """The arm of an agent, with what it holds, at joint points."""
+    """The arm of an agent, with the object it holds, at joint points."""
     held, tcp_from_object = state.held.get(agent, (None, None))
     return planning_scene.arm(agent, points, attached=held, tcp_from_object=tcp_from_object, touches=touches)
 
 
 def _only(planning_scene: PlanningScene, body: Swept, obstacle: Obstacle) -> Swept:
-    """One of the things, or of the arms, that a body is made of."""
+    """The part of a joined body that is one object or arm."""
     return planning_scene.measured(obstacle) if isinstance(obstacle, int) else body.only(obstacle)
 
 
 @dataclass(frozen=True)
 class _Put:
-    """A thing, and the poses of it that a subgoal may lead to."""
+    """An object, and the poses in which a subgoal may put it."""
 
     subgoal: Subgoal
     name: str
@@ -142,10 +142,10 @@ class _Put:
 
 
 def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
-    """The first place that is taken, by what and by how much; None where there is room for everything.
+    """The first place that is occupied, with obstacle and depth; None where everything fits.
 
-    Counted are things that stay where they stand, as no subgoal is about them, and what is put elsewhere
-    once. How a thing is turned there, and how far beside it may lie, is chosen so that it overlaps least.
+    Obstacles are objects that stay, as no subgoal moves them and no arm holds them, and other objects that
+    are placed once. Of the permitted rotations and offsets at a place, those with the least overlap count.
     """
     puts = list(_puts(task, proposal, scene))
     about = {subgoal.object for subgoal in proposal.subgoals}
@@ -159,7 +159,7 @@ def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
     for put, other in combinations(once, 2):
         falls = [not support(task, each.subgoal) for each in (put, other)]
         if put.subgoal.target == other.subgoal.target and any(falls) and not all(falls):
-            continue  # what falls into a thing comes to rest below where it is let go, and its lid above
+            continue  # a dropped object comes to rest below its release pose, a lid above
         depth_m = _least_depth_m(task, scene, put, other.name, other.poses)
         if depth_m > 0:
             return _taken(scene, put, f"{other.name} at {other.subgoal.target}", depth_m)
@@ -167,19 +167,19 @@ def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
 
 
 def _puts(task: Task, proposal: Proposal, scene: Scene) -> Iterator[_Put]:
-    """What is put where, but on things that are moved themselves, which are nobody knows yet where."""
+    """The objects that subgoals place, except on targets that are moved too, at poses not known yet."""
     moved = {subgoal.object for subgoal in proposal.subgoals}
     for subgoal in proposal.subgoals:
         name = subgoal.object
         if name is not None and subgoal.verb == "place" and subgoal.target not in moved:
             try:
                 yield _Put(subgoal, name, destinations(task, subgoal, scene))
-            except Unreachable:  # that will be said when its turn comes
+            except Unreachable:  # raised again when that subgoal is planned
                 continue
 
 
 def _least_depth_m(task: Task, scene: Scene, put: _Put, name: str, poses: Sequence[Matrix]) -> float:
-    """How far a thing would be in another, however both are turned; 0 where they need not overlap."""
+    """The least penetration of two objects over all their poses; 0 where some poses do not overlap."""
     least = np.inf
     reach_m = _radius_m(task.asset(put.name)) + _radius_m(task.asset(name))
     for one, other in product(put.poses, poses):
@@ -194,13 +194,13 @@ def _least_depth_m(task: Task, scene: Scene, put: _Put, name: str, poses: Sequen
 
 
 def placed_at(task: Task, scene: Scene, name: str, pose: Matrix) -> Swept:
-    """A thing at world_from_object."""
+    """The body of an object at world_from_object."""
     return PlanningScene(task, replace(scene, poses={**scene.poses, name: pose})).standing([name])
 
 
 @lru_cache(maxsize=1024)
 def _radius_m(asset: Asset) -> float:
-    """Of a sphere about the origin that holds all of it; of a mark none."""
+    """Radius of the bounding sphere about the origin; -inf for a mark, which has no hulls."""
     return max((float(np.linalg.norm(hull.vertices, axis=1).max()) for hull in asset.hulls), default=-np.inf)
 
 

@@ -1,4 +1,4 @@
-"""A checked plan: RoboBrain proposes, primitives move, RoboChecker schedules and checks."""
+"""Planning: RoboBrain proposes, primitives generate motion, RoboChecker schedules and checks it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,12 +26,12 @@ from rf_exp.types import CONTROL_HZ, ConstraintSet, JointLimits, Occupancy, Scen
 
 LARGEST_DISTURBANCE_RAD = 0.2
 LONGEST_DELAY_S = 5.0
-PAUSES = 1 / 3  # of the moments at which an arm stands still anyway, are drawn out
+PAUSES = 1 / 3  # share of the rests between segments that become pauses
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How episodes are made. All of it decides the bytes of the result, together with the seed."""
+    """Settings of episode generation. Together with the seed they determine the bytes of the result."""
 
     task: Task
     constraint_set: ConstraintSet
@@ -40,7 +40,7 @@ class Settings:
     attempts: int
     occupancy: Occupancy
     disturbance_rad: float  # of executed motion; see disturb.py
-    delay_s: float  # how late an arm may be without meeting another; where disturbed, it pauses as long
+    delay_s: float  # that any one arm may be late without collision; where disturbed, its longest pause
 
     def __post_init__(self) -> None:
         if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
@@ -55,7 +55,7 @@ class Settings:
     def configured(
         cls, task: Task, constraint_set: ConstraintSet, brain: BrainSpec, **changes: Any
     ) -> "Settings":
-        """As conf/config.yaml says, but for `changes`; undisturbed, as only recipes of policies disturb."""
+        """Those of conf/config.yaml, but for `changes`; undisturbed, as only recipes of policies disturb."""
         said = {key: default_of(key) for key in ("attempts", "occupancy")}
         said |= {"limits": JointLimits(**default_of("limits")), "disturbance_rad": 0.0, "delay_s": 0.0}
         return cls(task, constraint_set, brain, **(said | changes))
@@ -64,18 +64,18 @@ class Settings:
         return self.brain.make(self.task.of(seed), self.constraint_set, seed)
 
     def of(self, seed: int) -> "Settings":
-        """The same for the task as it stands in the scene of a seed."""
+        """The same settings with the task as it is in the scene of a seed."""
         return replace(self, task=self.task.of(seed))
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A proposal that has become motion and has passed its checks."""
+    """A proposal with its motion, which has passed the checks."""
 
     proposal: Proposal
-    checker: RoboChecker  # which has passed it
+    checker: RoboChecker  # that passed it
     trajectories: tuple[Trajectory, ...]
-    checked: CheckedPlan  # what the arms are sent along: the trajectories, or disturbed ones
+    checked: CheckedPlan  # what is executed: the trajectories, or disturbed ones
 
     @property
     def schedule(self) -> Schedule:
@@ -87,18 +87,18 @@ class Planned:
 
 
 class Planner:
-    """Plans what a brain proposes, under the constraints of a row."""
+    """Planner of a brain's proposals, under a set of constraints."""
 
     def __init__(self, settings: Settings, brain: Brain) -> None:
         self._settings, self._brain = settings, brain
-        self.proposal: Proposal | None = None  # the last one, as it was written; None: it could not be read
+        self.proposal: Proposal | None = None  # the last one, as written; None: unreadable
 
     def plan(
         self, question: Question, scene: Scene, rng: Generator, pauses: Generator | None = None
     ) -> Planned | Violation | None:
-        """A plan from `scene` on, the first reason why there is none, or None: the brain is content.
+        """A plan from `scene` on, the first reason why there is none, or None: the brain proposes nothing.
 
-        With `pauses` arms pause at random, where the settings have delays.
+        With `pauses`, arms pause at random where the settings have a delay.
         """
         task, constraint_set = self._settings.task, self._settings.constraint_set
         self.proposal = None
@@ -111,14 +111,14 @@ class Planner:
             return _no_motion(scene, error)
         if not proposal.subgoals:
             return None
-        # Without a model of time agents take turns as they are listed; with one that must say nothing.
+        # Without temporal constraints agents take turns as listed; with them the order must not matter.
         queues = in_turn(proposal, ()) if constraint_set.temporal else proposal
         try:
             checker = RoboChecker(task, queues, constraint_set)
         except ArgumentError as error:
             return _refused(CheckName.CODE, scene, error)
         queues = in_turn(queues, checker.order) if constraint_set.temporal else queues
-        known = constraint_set.spatial and scene.seen is None  # where things stand
+        known = constraint_set.spatial and scene.seen is None  # whether object poses are known
         if known and (violation := taken(task, queues, scene)) is not None:
             return violation
         violation = None
@@ -127,7 +127,7 @@ class Planner:
             result = self._motion(queues, checker, scene, way, search, pauses)
             if isinstance(result, Planned):
                 return replace(result, proposal=proposal)
-            # Of two reasons, that arms in the way leave no path says less than what a check has found.
+            # The result of a check tells more than that arms in the way leave no path.
             if violation is None or result.check is not CheckName.MOTION:
                 violation = result
             if _in_every_way(result, queues):
@@ -145,7 +145,7 @@ class Planner:
         search: Search,
         pauses: Generator | None,
     ) -> Planned | Violation:
-        """Trajectories and a schedule that pass all checks, or the first reason why not."""
+        """Trajectories and a schedule that pass all checks, or the first violation."""
         settings = self._settings
         obstacles = Obstacles(settings.task, scene, settings.constraint_set, proposal)
         blocked = obstacles.blocked(avoid_arms=way.avoid_arms)
@@ -171,7 +171,7 @@ class Planner:
     def _schedule(
         self, checker: RoboChecker, paths: Paths, motions: Motions, pauses: Generator | None
     ) -> Schedule | Violation:
-        """With as much of the delays as can be had."""
+        """The schedule with the whole delay, with half of it, or without, whichever exists first."""
         schedule = partial(checker.schedule, paths, turns=motions.subgoals, also=motions.handovers)
         steps = round(self._settings.delay_s * CONTROL_HZ)
         if steps:
@@ -185,7 +185,7 @@ class Planner:
 
 
 def _pauses(trajectories: Sequence[Trajectory], longest: int, rng: Generator) -> dict[tuple[int, int], int]:
-    """(agent, knot) -> steps, but for knots amid what several arms carry together."""
+    """(agent, knot) -> steps, except at knots within a joint motion of several arms."""
     found = {}
     for trajectory in trajectories:
         runs = zip(trajectory.segments, trajectory.segments[1:], trajectory.knots[1:], strict=False)
@@ -197,7 +197,7 @@ def _pauses(trajectories: Sequence[Trajectory], longest: int, rng: Generator) ->
 
 
 def _in_every_way(violation: Violation, proposal: Proposal) -> bool:
-    """Where arms stand, and what is in the way of one without another arm or a thing that another moves."""
+    """Whether all ways fail alike: arms too close at the start, or obstacles that no other agent moves."""
     if violation.finding not in (Finding.NO_ROOM, Finding.BLOCKED):
         return violation.finding is Finding.CLOSE_AT_FIRST
     movers = {each.agent for each in proposal.subgoals if each.object in violation.obstacles}
@@ -210,6 +210,6 @@ def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:
 
 
 def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:
-    """An answer that is not understood; what its reader says of it goes back to RoboBrain as it is."""
+    """Violation for an answer that was not understood, with the parser's message as feedback to RoboBrain."""
     finding = error.finding if isinstance(error, BadAnswer | Misread) else Finding.REFUSED
     return Violation(finding, check=check, cause=Cause.ANSWER, time_s=scene.time_s, refusal=str(error))

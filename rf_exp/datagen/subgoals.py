@@ -1,4 +1,4 @@
-"""What each agent is about at every control step of an episode: its subgoals, numbered as they come."""
+"""Subgoal labels of an episode: the number of each agent's subgoal at every control step."""
 
 from collections.abc import Iterable, Sequence
 
@@ -7,21 +7,21 @@ from numpy.typing import NDArray
 
 from rf_exp.types import Schedule, Trajectory, what_of
 
-IDLE = "hold"  # the text of an agent that has not been told anything yet
-NOBODYS = -1  # the number where it is not known what an agent is about
+IDLE = "hold"  # text for an agent that has had no subgoal yet
+NOBODYS = -1  # number where the subgoal is unknown
 
 
 class Subgoals:
-    """The subgoals of one episode. An agent's own are numbered from 0, over all its plans."""
+    """The subgoals of one episode. Those of each agent are numbered from 0, over all plans."""
 
     def __init__(self, agents: int, known: Sequence[Iterable[str]] = ()) -> None:
-        """What is `known` of each agent, from other episodes of the task, has the number it has there."""
-        # For each agent the texts that the numbers stand for.
+        """`known` subgoals of each agent, from other episodes of the task, keep their numbers from there."""
+        # Per agent: number -> text.
         self.texts: list[list[str]] = [list(texts) for texts in known] or [[] for _ in range(agents)]
         self._known = bool(known)
 
     def of_plan(self, trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.int16]:
-        """(T + 1, N): row t is what the command of step t of the schedule is for, row 0 what comes first."""
+        """(T + 1, N): row t is the subgoal of the command at step t of the schedule, row 0 the first one."""
         columns = []
         for trajectory, texts in zip(trajectories, self.texts, strict=True):
             numbers, before = [], None
@@ -39,7 +39,7 @@ class Subgoals:
                 continue
             positions = schedule.positions[:, trajectory.agent - 1]
             waits = np.diff(positions, prepend=-1) == 0
-            # A command to a position is part of the segment that ends there or later; a wait, of the next.
+            # A command to a position belongs to the segment that ends there or later; a wait, to the next.
             segment_of = np.searchsorted(trajectory.knots[1:], positions + waits, side="left")
             columns.append(np.array(numbers)[np.minimum(segment_of, len(numbers) - 1)])
         return np.stack(columns, axis=1).astype(np.int16)

@@ -1,9 +1,9 @@
-"""The version of the code that decides the bytes of an episode."""
+"""Version of the code that determines the bytes of an episode."""
 
 from rf_exp.tasks import Task
 
-# Of everything between a proposal and the stored bytes: motion, checks, schedules, simulation, pictures.
-# Raise it whenever the same seed gives other bytes than before.
+# Covers everything between a proposal and the stored bytes: motion, checks, schedules, simulation, pictures.
+# Raise it whenever a seed gives other bytes than before.
 GENERATOR = "6"
 
 

@@ -1,8 +1,8 @@
-"""Who yields, where to, and when: decided here alone, for the planner and for the scripted brain.
+"""Yielding: which arms get out of the way, where to and when; used by the planner and the scripted brain.
 
 An arm that yields takes a posture in which it is in nobody's way. In a plan it does so before the others
-begin or once it is done (`Yielding`, of each of `ways`); after a violation in a proposal of its own
-(`yields_after`, `yielding_proposal`). When exactly it moves is up to the schedule.
+begin or once it is done (`Yielding`, one for each of `ways`); after a violation, in a separate proposal
+(`yields_after`, `yielding_proposal`). The schedule decides when exactly it moves.
 """
 
 from collections.abc import Sequence
@@ -21,33 +21,33 @@ from rf_exp.types import ConstraintSet, Scene, Subgoal
 
 Posture = Literal["home", "aside"]  # the verb that leads there: at rest, or retracted over its own base
 
-_NEAR_RAD = 0.1  # from the retracted posture: an arm has yielded already
+_NEAR_RAD = 0.1  # so near to the retracted posture, an arm has yielded already
 
 
 def posture_rad(posture: Posture, task: Task, agent: int) -> NDArray[np.float64]:
-    """(dof,) where an agent that yields goes."""
+    """(dof,) the posture to which an agent yields."""
     robot = task.robots[agent - 1]
     return np.array(robot.model.aside_rad if posture == "aside" else robot.rest_rad)
 
 
 @dataclass(frozen=True)
 class Yielding:
-    """Who yields in a plan beside what is proposed, each where a way is free."""
+    """Agents that yield in a plan, beside what is proposed, each where a path is free."""
 
-    first: tuple[int, ...] = ()  # before the others begin, retracted
-    once_done: frozenset[int] = frozenset()  # when they have let go of something and have nothing more to do
-    to: Posture = "home"  # where those go
+    first: tuple[int, ...] = ()  # agents that retract before the others begin
+    once_done: frozenset[int] = frozenset()  # agents that yield if their last subgoal ends with a retreat
+    to: Posture = "home"  # posture of agents in `once_done`
 
 
 @dataclass(frozen=True)
 class Way:
-    """How to plan a proposal."""
+    """One way to plan a proposal."""
 
-    avoid_arms: bool  # whether paths go round arms that stand still
+    avoid_arms: bool  # whether paths avoid arms at rest
     yielding: Yielding = Yielding()
 
     def __str__(self) -> str:
-        """As a refusal says what was tried."""
+        """Its text in `Violation.tried`."""
         paths = f"{'round' if self.avoid_arms else 'regardless of'} the other arms"
         first = ", ".join(map(agent_name, self.yielding.first))
         retracted = [f"with {first} retracted first"] if first else []
@@ -57,7 +57,7 @@ class Way:
 
 def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Sequence[Way]:
     """The ways to plan a proposal, the best first."""
-    if not constraint_set.spatial:  # then those do that share space one after the other, if time counts
+    if not constraint_set.spatial:  # then only agents that share space yield, if time counts
         shared = (each.agents for each in proposal.constraints if isinstance(each, ShareSpace))
         sharing = frozenset(agent for pair in shared for agent in pair if constraint_set.temporal)
         return [Way(False, Yielding(once_done=sharing))]
@@ -70,17 +70,17 @@ def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Seq
     farther = [Yielding(some, done, "aside") for some in dict.fromkeys((idle, waiting))]
     if not constraint_set.temporal:
         return [Way(True, each) for each in dict.fromkeys((here, Yielding(idle, done), *farther))]
-    # Who knows when arms move may pass one before it is in the way, and may send it farther off.
+    # With a schedule, paths may cross where an arm will be later, and arms may yield farther off.
     return [Way(False, here), Way(True, here), *(Way(False, each) for each in farther)]
 
 
 def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Scene) -> list[int]:
-    """Who yields because of a violation, in this order; never one that carries something with another.
+    """Agents that yield because of a violation, in this order; never one that carries an object with another.
 
-    After a hit all that were in it; first the one whose work comes later in the plan, which came to where
-    the other stood. Of two that are in each other's way who has nothing to do, or whose work comes later.
-    One that finds no way begins again from farther off. Of more than two nothing says who should, and a
-    place that is taken stays so.
+    After a collision, all involved, first the one whose work comes later in the plan, which moved to where
+    the other was. Of two in each other's way, the one without subgoals, else the one with the later work. An
+    agent that finds no path starts again from farther off. Among more than two there is no rule, and an
+    occupied place stays occupied.
     """
     if violation.finding is Finding.TAKEN:
         return []
@@ -96,13 +96,13 @@ def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Sc
 
 
 def yielding_proposal(agents: Sequence[int], task: Task) -> Proposal:
-    """These agents take their retracted postures, one after the other."""
+    """Proposal in which these agents take their retracted postures, one after the other."""
     order = tuple(Before(Step(first), Step(then)) for first, then in pairwise(agents))
     return Proposal(tuple(Subgoal(agent, "aside") for agent in agents), (*order, *keep_clear(task.agents)))
 
 
 def _can_yield(agent: int, task: Task, scene: Scene) -> bool:
-    """Whether it carries nothing with another, and has not yielded already."""
+    """Whether an agent carries nothing with another, and has not yielded already."""
     held, here = scene.held[agent - 1], task.arms[agent].joints(scene.qpos[agent - 1])
     if held is not None and len(holders(scene, held)) > 1:
         return False

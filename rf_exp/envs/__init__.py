@@ -1,8 +1,8 @@
-"""The tasks as environments for others: Gymnasium, one controller of all arms, and PettingZoo, an agent each.
+"""Environments of the tasks: Gymnasium, one controller of all arms, and PettingZoo, one agent per arm.
 
 Importing this package registers `rf_exp/<task>-v1` with Gymnasium for every task of conf/task, and
-`rf_exp/lerobot-v1`, which has the keys of LeRobot. All faces stand on `core.EpisodeCore`, and are told by
-`Observations` what they see. See docs/environments.md.
+`rf_exp/lerobot-v1`, which has the keys of LeRobot. All environments build on `core.EpisodeCore`;
+`Observations` selects what they observe. See docs/environments.md.
 """
 
 from rf_exp.envs.central import environment_id, parallel_env, register

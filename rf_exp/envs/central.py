@@ -1,4 +1,4 @@
-"""The Gymnasium face, one controller of all arms, and by which names the environments are found."""
+"""Gymnasium environment for one controller of all arms, and registration of the environments."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,16 +17,16 @@ from rf_exp.tasks import Task
 if TYPE_CHECKING:
     from rf_exp.envs.parallel import ParallelArmsEnv
 
-VERSION = 1  # of the interface: raise it when observations, actions or reward come to mean something else
+VERSION = 1  # of the interface: raise it when the meaning of observations, actions or reward changes
 
 
 class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
-    """A task for one controller of all N arms; `gymnasium.make("rf_exp/<task>-v1")` makes it.
+    """Gymnasium environment of a task for one controller of all N arms: `gymnasium.make("rf_exp/<task>-v1")`.
 
-    Actions (N, A) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
-    arm, beyond their limits clipped. Observations: a dictionary as `Observations` says, with (N, D) joints
-    in rad and m, (N, D) velocities, (7,) positions in m and quaternions (w, x, y, z) in the world. Reward: 1
-    for success by the strict criterion, which ends the episode, else 0. Arguments and errors are those of
+    Actions (N, A) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open] per arm,
+    clipped to their limits. Observations: a dictionary selected by `Observations`, with (N, D) joints in rad
+    and m, (N, D) velocities, (7,) positions in m and quaternions (w, x, y, z) in the world. Reward: 1 for
+    success by the strict criterion, which ends the episode, else 0. Arguments and errors are those of
     `EpisodeCore`.
     """
 
@@ -42,9 +42,9 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[ObservationDict, dict[str, Any]]:
-        """The scene of exactly this seed, as in the rest of the suite; else the next from `np_random`.
+        """Resets to the scene of exactly this seed, as in the rest of the suite, or of one from `np_random`.
 
-        `info["seed"]` tells which. There are no `options`. Raises ArgumentError for seeds from 2**32 on.
+        `info["seed"]` is the seed. `options` are ignored. Raises ArgumentError for seeds from 2**32 on.
         """
         super().reset(seed=seed)
         self.core.reset(seed, self.np_random)
@@ -58,12 +58,12 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
 
 
 def environment_id(name: str) -> str:
-    """The name of a task's environment in Gymnasium."""
+    """Gymnasium ID of a task's environment."""
     return f"rf_exp/{name}-v{VERSION}"
 
 
 def register(path: str | Path) -> str:
-    """Registers the task of a YAML file with Gymnasium; the name for `gymnasium.make`.
+    """Registers the task of a YAML file with Gymnasium; returns the ID for `gymnasium.make`.
 
     Modules that it names (`code`, assets) must be importable. Raises ArgumentError as `find_task`.
     """
@@ -89,7 +89,7 @@ def parallel_env(
     `options` are those of `ParallelArmsEnv`. Raises StageError where PettingZoo is not installed.
     """
     try:
-        from rf_exp.envs.parallel import ParallelArmsEnv  # not above: Gymnasium alone does without PettingZoo
+        from rf_exp.envs.parallel import ParallelArmsEnv  # not above: PettingZoo is optional
     except ModuleNotFoundError as error:
         if error.name != "pettingzoo":
             raise

@@ -1,4 +1,4 @@
-"""Episodes of a task, step by step: what both faces of the environments stand on."""
+"""Episodes of a task, step by step: the common core of all environments."""
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
@@ -38,19 +38,19 @@ METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CO
 
 
 class ResetNeeded(RfError, gymnasium.error.ResetNeeded):
-    """There is no episode to step in."""
+    """Error: no episode is under way."""
 
 
 class EpisodeCore:
-    """One task in simulation, one episode after the other.
+    """A simulated task, one episode after the other.
 
     `task` is a name of conf/task, the path of a YAML file, or a Task; `variation`, how its scenes differ, is
-    one of conf/variation or a Variation. An episode ends with success by the strict criterion, when two arms
-    press so hard on one another that they stop by themselves, or after `step_limit` control steps (20 a
-    second), those of the task unless given. A violation is a control step in
-    which two arms press on one another; with `overlaps` also one in which their exact volumes overlap, as
-    evaluation counts it, which costs up to as much again as the step. Raises ArgumentError for what is not
-    possible, and StageError where pictures are asked for and cannot be drawn.
+    one of conf/variation or a Variation. An episode ends with success by the strict criterion, with the
+    protective stop of two arms that press hard on each other, or after `step_limit` control steps (20 per
+    second), by default those of the task. A violation is a control step in which two arms press on each
+    other; with `overlaps` also one in which their exact volumes overlap, as evaluation counts it, which takes
+    up to as long again as the step. Raises ArgumentError for invalid arguments, and StageError where pictures
+    are needed and cannot be rendered.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class EpisodeCore:
         self._episode: Episode | None = None  # until the first reset
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> None:
-        """Begins the episode of a seed; without one it is drawn, below those that evaluation begins with."""
+        """Begins the episode of a seed; without one it is drawn below the first seed of evaluation."""
         if self._world is None:
             raise ResetNeeded("the environment is closed; make another one")
         seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
@@ -95,7 +95,7 @@ class EpisodeCore:
     def step(self, action: ArrayLike) -> None:
         """One control step (50 ms): (N, A) joint targets in rad, grippers; clipped to the action space.
 
-        Raises ArgumentError for what is no such array, ResetNeeded where there is no episode.
+        Raises ArgumentError for any other action, ResetNeeded where no episode is under way.
         """
         episode = self._episode
         if self._world is None or episode is None or episode.terminated or episode.truncated:
@@ -103,17 +103,17 @@ class EpisodeCore:
                 "no episode is under way; call reset() before the first step, and after the last"
             )
         command = np.minimum(np.maximum(shaped(action, self._low.shape, "action"), self._low), self._high)
-        episode.see(self._world.step(command))  # which refuses what is not finite
+        episode.see(self._world.step(command))  # raises for values that are not finite
 
     @property
     def episode(self) -> "Episode":
-        """That is under way, or has ended. Raises ResetNeeded before the first."""
+        """The episode that is under way or has ended. Raises ResetNeeded before the first."""
         if self._episode is None:
             raise ResetNeeded("there is no episode yet; call reset() first")
         return self._episode
 
     def observe(self) -> ObservationDict:
-        """What there is to see now, in new arrays."""
+        """The current observation, in new arrays."""
         assert self._world is not None  # an episode is under way
         (seen,) = observe(self.episode.scene, self._world, [self._declared])
         return self.observations.keyed(seen)
@@ -134,7 +134,7 @@ class EpisodeCore:
 
 
 class Episode:
-    """How far one episode is, and how it is judged."""
+    """State of one episode and its judgement."""
 
     def __init__(
         self, task: Task, seed: int, start: Scene, monitor: Callable[[Scene], Any], drawn: Mapping[str, Any]
@@ -147,7 +147,7 @@ class Episode:
         self._ledger = Ledger()
 
     def see(self, scene: Scene) -> None:
-        """The next control step has been made."""
+        """Updates the episode with the scene after the next control step."""
         self.scene, self._verdict, self._violation = scene, self._judge(scene), self._monitor(scene)
         self._ledger.see(scene, self._verdict)
         self._success_paper |= self._verdict.success_paper
@@ -155,12 +155,12 @@ class Episode:
 
     @property
     def success(self) -> bool:
-        """Whether it has ended with success, by the strict criterion, and no two arms have touched."""
+        """Whether it has succeeded by the strict criterion, without contact between arms."""
         return self._ledger.success
 
     @property
     def stopped(self) -> bool:
-        """Whether it has ended because arms pressed on one another."""
+        """Whether it has ended with a protective stop: arms pressed hard on each other."""
         return not self.success and protective_stop(self.scene)
 
     @property
@@ -170,7 +170,7 @@ class Episode:
 
     @property
     def truncated(self) -> bool:
-        """Whether it has ended because it was too long."""
+        """Whether it has ended at the step limit."""
         return not self.terminated and self.scene.step >= self._step_limit
 
     @property
@@ -179,23 +179,23 @@ class Episode:
         return float(self.success)
 
     def info(self) -> dict[str, Any]:
-        """What is known about it until now; new dictionaries with each call."""
+        """Information about it so far; new dictionaries with each call."""
         return {
             "seed": self.seed,
             "success": self.success,  # by the strict criterion
-            "success_paper": self._success_paper,  # by the paper's, at some step until now
-            "stopped": self.stopped,  # because arms pressed on one another
-            "score": self._ledger.score,  # how far it has come, from 0 to 1, which is success
-            "conditions": dict(self._verdict.evidence),  # of the strict one, as they are now
+            "success_paper": self._success_paper,  # by the paper's, at some step so far
+            "stopped": self.stopped,  # protective stop
+            "score": self._ledger.score,  # progress from 0 to 1, which is success
+            "conditions": dict(self._verdict.evidence),  # of the strict criterion, now
             "measured": {name: found.value for name, found in self._verdict.measured.items()},
             "violation": "" if self._violation is None else self._violation.sentence,  # of this step
-            "violations": self._violations,  # steps until now with one
+            "violations": self._violations,  # number of steps with one so far
             "drawn": deepcopy(dict(self._drawn)),  # of the variation; empty where nothing varies
         }
 
 
 class Face:
-    """What both faces show of the episodes they stand on. Arguments and errors are those of `EpisodeCore`."""
+    """Base of the environments around an `EpisodeCore`, whose arguments and errors they share."""
 
     def __init__(
         self, task: str | Path | Task, observations: Observations | None = None, **options: Any
@@ -205,12 +205,12 @@ class Face:
 
     @property
     def task(self) -> Task:
-        """What is simulated."""
+        """The simulated task."""
         return self.core.task
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What the numbers in a segmentation mean."""
+        """Meaning of the values of a segmentation."""
         return labels(self.task)
 
     def render(self) -> NDArray[np.uint8]:
@@ -221,7 +221,7 @@ class Face:
 
 
 def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:
-    """An action as an array. Raises ArgumentError for what is no array of this shape."""
+    """An action as a float32 array. Raises ArgumentError unless it has this shape."""
     expected = f"expected finite numbers of shape {shape}: joint targets in rad, gripper in [-1, 1]"
     try:
         array = np.asarray(action, dtype=np.float32)

@@ -1,8 +1,7 @@
-"""The face that LeRobot expects: vectors of all arms, pictures by camera, and whether an episode succeeded.
+"""Environment for LeRobot: vectors of all arms, pictures by camera, and whether an episode succeeded.
 
-The keys fit what LeRobot learns from an export (`python -m rf_exp.data export --format lerobot`). The plug-in
-by which `lerobot-eval --env.type=rf_exp` finds it lies in plugins/lerobot_env_rf_exp; this module needs
-nothing of LeRobot.
+The keys match those of an export (`python -m rf_exp.data export --format lerobot`). The plug-in by which
+`lerobot-eval --env.type=rf_exp` finds it is plugins/lerobot_env_rf_exp; this module does not need LeRobot.
 """
 
 from pathlib import Path
@@ -22,18 +21,18 @@ from rf_exp.tasks import Task
 
 LEROBOT_ID = "rf_exp/lerobot-v1"
 RGB, POSE, PIXELS = "rgb_", "pose_", "pixels"
-KEPT = ("success", "success_paper", "stopped", "score", "seed", "violations")  # of info
+KEPT = ("success", "success_paper", "stopped", "score", "seed", "violations")  # entries of info that are kept
 
 
 class LeRobotEnv(CentralEnv):
-    """A task for one policy of all N arms, with LeRobot's keys.
+    """Environment of a task for one policy of all N arms, with LeRobot's keys.
 
-    Actions (N * A,) float32: of one agent behind the other, joint targets in rad and the gripper in
-    [-1 closed, 1 open], beyond their limits clipped. Observations, as `observations` says: `agent_pos`
+    Actions (N * A,) float32, agents concatenated: joint targets in rad and the gripper in
+    [-1 closed, 1 open], clipped to their limits. Observations, selected by `observations`: `agent_pos`
     (N * D,) float32, measured joints in rad and fingers in m; with state `full` `environment_state` (K * 7,)
-    float32, of each object its position in m and quaternion (w, x, y, z) in the world; `pixels`, camera ->
+    float32, position in m and quaternion (w, x, y, z) of each object in the world; `pixels`, camera ->
     (H, W, 3) uint8, RGB. `info` has `is_success`, by the strict criterion. Options and errors are those of
-    `EpisodeCore`; ArgumentError, too, for what LeRobot has no key for.
+    `EpisodeCore`; also raises ArgumentError for observations that LeRobot has no key for.
     """
 
     def __init__(
@@ -49,13 +48,13 @@ class LeRobotEnv(CentralEnv):
         super().__init__(task, observations, render_mode=render_mode, **options)
         self._whole = self.action_space.shape  # (N, A)
         self.observation_space, self.action_space = shown, acts
-        # LeRobot asks for these by their names.
+        # LeRobot reads these attributes.
         self.task_description, self._max_episode_steps = self.task.description, self.task.step_limit
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[ObservationDict, dict[str, Any]]:
-        """The scene of a seed, as `CentralEnv.reset` says. What LeRobot's `options` say concerns no scene."""
+        """Resets as `CentralEnv.reset` does; LeRobot's `options` do not concern the scene and are ignored."""
         observed, info = super().reset(seed=seed)
         return _keyed(observed), _told(info)
 
@@ -67,7 +66,7 @@ class LeRobotEnv(CentralEnv):
 
 
 def lerobot_spaces(task: str | Path | Task, observations: Observations) -> tuple[spaces.Dict, spaces.Box]:
-    """What `LeRobotEnv` observes and takes, known before any simulator. Raises ArgumentError as it does."""
+    """Observation and action space of `LeRobotEnv`, without a simulator. Raises ArgumentError as it does."""
     if observations.depth or observations.segmentation or observations.calibration or observations.language:
         raise ArgumentError(
             "LeRobot has keys for joints, poses and colour, and reads the task's words elsewhere; expected "
@@ -88,12 +87,12 @@ def lerobot_spaces(task: str | Path | Task, observations: Observations) -> tuple
 
 
 def _bounds(whole: spaces.Dict, which: str) -> ObservationDict:
-    """An observation of the least, or the largest values of a space."""
+    """An observation of the smallest (`low`) or largest (`high`) values of a space."""
     return {key: getattr(each, which) for key, each in whole.items()}
 
 
 def _keyed(observed: ObservationDict) -> ObservationDict:
-    """What `CentralEnv` observes, with LeRobot's keys."""
+    """An observation of `CentralEnv` with LeRobot's keys."""
     poses = [observed[key] for key in observed if key.startswith(POSE)]
     pictures = {key.removeprefix(RGB): observed[key] for key in observed if key.startswith(RGB)}
     return {
@@ -104,7 +103,7 @@ def _keyed(observed: ObservationDict) -> ObservationDict:
 
 
 def _told(info: dict[str, Any]) -> dict[str, Any]:
-    """What LeRobot looks for, and what its vectors of environments can hold."""
+    """LeRobot's `is_success`, and the entries that its vectorised environments can hold."""
     return {"is_success": info["success"], **{key: info[key] for key in KEPT}}
 
 

@@ -1,7 +1,7 @@
-"""What environments show of `rf_exp.observations`: spaces, and the part of a single agent.
+"""Spaces of the observations of environments (`rf_exp.observations`), and the part of a single agent.
 
-An agent of its own sees through `global` and through its own camera, which is called `local` for every
-agent, so that all agents have one space.
+A single agent has the camera `global` and its own, which is called `local` for every agent, so that all
+agents have one space.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,11 +16,11 @@ from rf_exp.tasks import Task, labels
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, Scene, camera_names, fingers_of
 
-OVERSHOOT = 0.1  # rad, m: so far beyond its limit a joint may be measured that something pushes
+OVERSHOOT = 0.1  # rad, m: how far a pushed joint may be measured beyond its limit
 
 
 def action_space(task: Task, agent: int | None = None) -> spaces.Box:
-    """(A,) of one agent, or (agents, A): joint targets within limits in rad, gripper in [-1, 1]."""
+    """Actions (A,) of one agent, or (agents, A): joint targets within limits in rad, gripper in [-1, 1]."""
     bounds = np.zeros((2, len(task.agents), task.dof + 1))
     bounds[..., -1] = [[GRIPPER_CLOSED], [GRIPPER_OPEN]]
     for row, robot in enumerate(task.robots):
@@ -30,7 +30,7 @@ def action_space(task: Task, agent: int | None = None) -> spaces.Box:
 
 
 def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Dict:
-    """The space of what one controller of all arms sees, or one agent."""
+    """The observation space of one controller of all arms, or of one agent."""
     cameras = camera_names(seen.cameras, 1 if agent is not None else len(task.agents))
     names = [name.replace("agent1", "local") for name in cameras] if agent is not None else cameras
     shown: dict[str, spaces.Space] = {}
@@ -81,9 +81,9 @@ def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
 
 
 def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[ObservationDict], ObservationDict]:
-    """Takes what one controller sees, and gives what this agent sees of it, in arrays of its own.
+    """Function from the observation of one controller to that of this agent, in arrays of its own.
 
-    What several agents see is copied for all but the last one, which gets it as it was taken. With state
+    Arrays shared by several agents are copied for all but the last one, which gets the originals. With state
     `full` the rows of joints are the agent's own first, then the others'.
     """
     order = np.array(_own_first(task, agent)) - 1
@@ -112,7 +112,7 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
 
 
 def state_vector(scene: Scene) -> NDArray[np.float32]:
-    """All joints, their velocities and the poses of all objects, one behind the other (2 N D + 7 K,)."""
+    """All joints, their velocities and the poses of all objects, concatenated (2 N D + 7 K,)."""
     poses = [position_and_quaternion(pose) for pose in scene.poses.values()]
     return np.concatenate([scene.qpos.ravel(), scene.qvel.ravel(), *poses]).astype(np.float32)
 

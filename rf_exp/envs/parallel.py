@@ -1,4 +1,4 @@
-"""The PettingZoo face: an agent for each arm, all acting at once."""
+"""PettingZoo environment: one agent per arm, all acting at once."""
 
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,15 @@ from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
 from rf_exp.tasks import Task
 
-Of = dict[str, Any]  # agent -> something
+Of = dict[str, Any]  # agent -> value
 
 
 class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32]]):
-    """A task for the agents `agent1` to `agent<N>`; `rf_exp.envs.parallel_env("<task>")` makes it.
+    """Environment of a task for the agents `agent1` to `agent<N>`: `rf_exp.envs.parallel_env("<task>")`.
 
-    Each acts with (A,) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open],
-    beyond their limits clipped. Each observes as `Observations` says: with state `joints` its own (D,), with
-    `full` those of all arms (N, D), its own in the first row, and the objects; and through two cameras,
+    Actions of each (A,) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open],
+    clipped to their limits. Observations of each, selected by `Observations`: with state `joints` its own
+    (D,), with `full` those of all arms (N, D), its own in the first row, and the objects; and two cameras,
     `global` and its own, called `local`. All share the reward, 1 for success by the strict criterion, else 0,
     and end together. Arguments and errors are those of `EpisodeCore`.
     """
@@ -44,15 +44,15 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         self._rng: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Dict:
-        """Of an agent; the same for all, but each with random numbers of its own."""
+        """Space of an agent; equal for all, but each with its own random numbers."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Box:
-        """Of an agent, (A,), each with random numbers of its own."""
+        """Space (A,) of an agent, each with its own random numbers."""
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Of, Of]:
-        """The scene of exactly this seed, else the next one drawn; info tells which."""
+        """Resets to the scene of exactly this seed, else to a drawn one; info holds its seed."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
         self.core.reset(seed, self._rng)
@@ -67,7 +67,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         try:
             self.core.step([actions[name] for name in self.agents])
         except ArgumentError:
-            for name in agents:  # the one that is wrong
+            for name in agents:  # finds the invalid one
                 shaped(actions[name], self.action_space(name).shape, f"action of {name}")
             raise
         now = self.core.episode
@@ -84,5 +84,5 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         return {name: self.core.episode.info() for name in self.possible_agents}
 
     def state(self) -> NDArray[np.float32]:
-        """All joints, velocities and poses of objects, whatever is observed: for a critic of all agents."""
+        """All joints, velocities and object poses, whatever is observed: for a centralised critic."""
         return state_vector(self.core.episode.scene)

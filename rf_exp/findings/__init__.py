@@ -1,4 +1,4 @@
-"""What went wrong, as values: violations, and the account of an episode. Sentences are written from them."""
+"""Violations and the account of an episode, as values from which sentences are written."""
 
 import lazy_loader
 

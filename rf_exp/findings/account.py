@@ -1,4 +1,4 @@
-"""How an episode or a rollout went, as values: what was violated and touched, and of a failure what failed.
+"""Account of an episode or a rollout, as values: violations, contacts, and unmet conditions of a failure.
 
     failed: held by both arms (since 4.10 s), lifted (never: 0.02 m, best 0.11, asked > 0.15);
     at best 3 of 4 (3.95 s); agents 1 and 2 touched (2.30 s, 14 steps); barrier dropped (4.10 s)
@@ -16,7 +16,7 @@ IDLE = "nothing was carried out"
 
 
 def bound_text(bound: float, above: bool) -> str:
-    """What a number should be: above a bound, or below it. To three figures: bounds vary with sizes."""
+    """Text of a bound, `> 0.15` or `< 0.15`. To three figures: bounds vary with sizes."""
     return f"{'>' if above else '<'} {bound:.3g}"
 
 
@@ -25,7 +25,7 @@ class Unmet:
     """A condition of success that did not hold at the end, with its number, if it has one."""
 
     name: str
-    since_s: float = 0.0  # since when it does not hold; 0: it never did
+    since_s: float = 0.0  # since when it has not held; 0: it never did
     value: float | None = None  # at the end
     best: float | None = None  # at any step
     bound: float = 0.0
@@ -34,7 +34,7 @@ class Unmet:
 
     @property
     def sentence(self) -> str:
-        """The condition, and in parentheses all that differs from scene to scene."""
+        """The condition, with all that depends on the scene in parentheses."""
         parts = [f"since {self.since_s:.2f} s" if self.since_s else "never"]
         if self.value is not None:
             better = self.best is not None and f"{self.best:.2g}" != f"{self.value:.2g}"
@@ -46,18 +46,18 @@ class Unmet:
 
 @dataclass(frozen=True)
 class Closest:
-    """When most conditions held at once."""
+    """The moment at which most conditions held at once."""
 
     holding: int  # conditions
     of: int
     time_s: float  # the first such moment; 0 where none ever held
-    steps: int  # control steps for which all of them held, at most
+    steps: int  # longest run of control steps in which all conditions held
 
     @property
     def score(self) -> float:
-        """How far a failure came, from 0 to 1: the part of the conditions that held at once.
+        """Progress of a failure, from 0 to 1: the fraction of the conditions that held at once.
 
-        That they hold for as long as is asked is one more, which no failure meets: only success is 1.
+        Holding them for the required time counts as one more, which no failure meets: only success is 1.
         """
         return self.holding / (self.of + 1)
 
@@ -68,7 +68,7 @@ class Closest:
         return f"at best {self.holding} of {self.of}{when}"
 
 
-NOTHING = Closest(0, 0, 0.0, 0)  # of an attempt without one step
+NOTHING = Closest(0, 0, 0.0, 0)  # of an attempt without a step
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class ClutterContact:
-    """Clutter that an arm, or what one carried, touched."""
+    """Clutter that an arm, or a carried object, touched."""
 
     who: str  # agent<k> or an object
     clutter: str
@@ -108,7 +108,7 @@ class ClutterContact:
 
 @dataclass(frozen=True)
 class Lost:
-    """A thing that was lost."""
+    """An object that was lost."""
 
     object: str
     how: str  # dropped | out of reach | off the table
@@ -125,16 +125,16 @@ class Lost:
 
 @dataclass(frozen=True)
 class Account:
-    """Of one episode or rollout. `unmet`, `closest` and `lost` tell of failures alone."""
+    """Account of one episode or rollout. `unmet`, `closest` and `lost` are of failures only."""
 
-    rejections: tuple[Violation, ...] = ()  # that ended a proposal, in their order
+    rejections: tuple[Violation, ...] = ()  # that ended a proposal, in order
     violations: tuple[Violation, ...] = ()  # of a rollout: the first of each pair of agents
     touches: tuple[Touch, ...] = ()
     unmet: tuple[Unmet, ...] = ()
     closest: Closest | None = None
     lost: tuple[Lost, ...] = ()
-    refused: Violation | None = None  # why a success is none: what a disturbed arm has moved
-    ended: str = ""  # in the words of who ended it before it was judged
+    refused: Violation | None = None  # why a success does not count: a disturbed arm has moved an object
+    ended: str = ""  # reason for ending before it was judged
     clutter_contacts: tuple[ClutterContact, ...] = ()
 
     @property
@@ -143,7 +143,7 @@ class Account:
 
     @property
     def parts(self) -> list[str]:
-        """Why it failed, part by part."""
+        """Reasons for the failure, one by one."""
         if self.refused is not None:
             return [f"refused: {self.refused.sentence}"]
         if self.ended:
@@ -156,7 +156,7 @@ class Account:
             steps = f" ({closest.steps} steps)" if closest is not None and closest != NOTHING else ""
             parts = [f"failed: {self._briefly}{steps}"]
         parts += [each.sentence for each in (*self.touches, *self.clutter_contacts, *self.lost)]
-        if self.rejections:  # the first says what went wrong; the last, why that could not be mended
+        if self.rejections:  # the first says what went wrong; the last, why that could not be repaired
             first, last, many = self.rejections[0], self.rejections[-1], len(self.rejections)
             parts.append(f"the first violation of {many}: {first.sentence}")
             parts += [f"the last: {last.sentence}"] if last.sentence != first.sentence else []
@@ -164,7 +164,7 @@ class Account:
 
     @property
     def kind(self) -> str:
-        """Without what differs from scene to scene: equal failures are equal texts."""
+        """The reason without what depends on the scene: equal failures have equal texts."""
         if self.refused is not None:
             return f"refused: {self.refused.kind}"
         if self.ended:
@@ -177,7 +177,7 @@ class Account:
 
     @property
     def _briefly(self) -> str:
-        """Why it failed though no condition did at the end."""
+        """Reason for a failure without an unmet condition at the end."""
         if self.closest == NOTHING:
             return IDLE
         return TOUCHED if self.touches else TOO_SHORT

@@ -1,7 +1,7 @@
-"""What RoboBrain answered in an episode, as values: what became of each answer, what it says and lacks.
+"""RoboBrain's answers in an episode, as values: the outcome of each, its stated and missing constraints.
 
-A round ends once a plan has been carried out; the next one goes on from the new scene. Further answers within
-a round are repairs: they come after one that was refused, or stopped while it was carried out.
+A round ends once a plan has been carried out; the next one starts from the new scene. Further answers within
+a round are repairs: they follow one that was refused, or stopped during execution.
 """
 
 from collections import Counter
@@ -12,10 +12,10 @@ from itertools import groupby
 
 
 class Ruling(StrEnum):
-    """What became of an answer."""
+    """Outcome of an answer."""
 
     REFUSED = "refused"  # nothing moved
-    STOPPED = "stopped"  # its plan passed the checks, and was ended by what was measured on the way
+    STOPPED = "stopped"  # its plan passed the checks, and a measured violation ended its execution
     CARRIED_OUT = "carried out"
     NOTHING_LEFT = "nothing left"  # it has no subgoals: the task is done
 
@@ -26,13 +26,13 @@ class Answer:
 
     round: int  # from 1
     ruling: Ruling
-    code: str = ""  # of what was found wrong (`Violation.code`)
+    code: str = ""  # `Violation.code` of what was wrong
     stated: int = 0  # constraints; 0 also where the answer could not be read
     understood: int = 0  # of them
     asked: int = 0  # constraints of the scripted plan for the same scene
-    missing: int = 0  # of those: nothing in the answer asks the same of the same agents and things
+    missing: int = 0  # of those: no constraint in the answer demands it of the same agents and objects
     makespan_s: float = 0.0  # of its plan, where it passed the checks
-    bound_s: float = 0.0  # below which no schedule of the same motions is, proven
+    bound_s: float = 0.0  # proven lower bound on the makespan of the same motions
 
     @property
     def passed(self) -> bool:
@@ -42,13 +42,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Dialogue:
-    """All of them, in their order, with what they cost and how much of the work each arm got."""
+    """All answers of an episode in order, with their cost and the work of each arm."""
 
     answers: tuple[Answer, ...] = ()
-    calls: int = 0  # of a model; restating constraints takes some too
+    calls: int = 0  # of a model, including those that restate constraints
     prompt_tokens: int = 0  # of all calls, as the server counts them
     completion_tokens: int = 0
-    busy: tuple[int, ...] = ()  # control steps in which each arm was told to move
+    busy: tuple[int, ...] = ()  # control steps in which each arm was commanded to move
 
     @property
     def rounds(self) -> list[list[Answer]]:
@@ -62,15 +62,15 @@ class Dialogue:
 
     @property
     def valid_after(self) -> int | None:
-        """Repairs until a first plan passed all checks; None: none did."""
+        """Repairs in the first round until a plan passed all checks; None: none did."""
         return next((k for k, each in enumerate(next(iter(self.rounds), [])) if each.passed), None)
 
     @property
     def codes(self) -> Counter[str]:
-        """What was found wrong with answers, and how often."""
+        """Codes of what was wrong with answers, with their counts."""
         return Counter(each.code for each in self.answers if each.code)
 
     @property
     def firsts(self) -> Iterator[Answer]:
-        """The first answer of each round, which no complaint has shaped; not where nothing was left to do."""
+        """The first answer of each round, given without feedback; none where nothing was left to do."""
         return (some[0] for some in self.rounds if some[0].ruling is not Ruling.NOTHING_LEFT)

@@ -1,7 +1,7 @@
-"""What checks find, as values: who, when, how much, what was in the way. Sentences are written from them.
+"""Findings of checks, as values: agents, time, amount, obstacles. Sentences are written from them.
 
 Agents are numbered from 1. There is one clock: `time_s` is in seconds since the start of the episode. A
-finding has the form of its sentence, which names facts in braces. Nothing reads such a sentence.
+finding has a template of its sentence, which names facts in braces. No code parses such a sentence.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from rf_exp.errors import ArgumentError
 
 
 class Finding(StrEnum):
-    """What was found, with the form of its sentence: here after the first colon."""
+    """Kind of finding, with the template of its sentence: here after the first colon."""
 
     form: str
 
@@ -23,7 +23,7 @@ class Finding(StrEnum):
         found._value_, found.form = code, form
         return found
 
-    # Where and how an object is met.
+    # Contact with objects.
     BESIDE_POINT = (
         "meets it beside the point: {a} {meets} {object} {cm:.1f} cm from its {aspect} point (allowed "
         "{bound_cm:.1f} cm)"
@@ -66,7 +66,7 @@ class Finding(StrEnum):
     )
     NOT_SHARED = "shares no space: {agents} use no space that another of them uses at any time"
 
-    # Room.
+    # Space.
     CLOSE = (
         "comes too close: {at} {a}, {a_does}, comes within {cm:.1f} cm of {b}, {b_does} ({parts[0]} near "
         "{parts[1]})"
@@ -185,35 +185,35 @@ class Finding(StrEnum):
     UNREAD_CONSTRAINT = "constraint not understood: {refusal}"
     UNFITTING_CONSTRAINT = "constraint that does not fit the subgoals: {refusal}"
 
-    # Whatever else.
+    # Others.
     REFUSED = "not understood: {refusal}"
     IDLE = "not in this plan: nothing in this plan is about it"
     CONSTRAINT = "breaks a constraint: {at} {constraint!r}: {value:.4g} {unit} (bound {bound:g} {unit})"
 
 
 class CheckName(StrEnum):
-    """Who found it: one of the paper's validation functions, the watch on execution, or the loop itself."""
+    """Source of a finding: a validation function of the paper, the execution monitor, or the loop itself."""
 
     INTERACTION = "ValidateInteraction"
     DIRECTION = "ValidateDirection"
     SCHEDULING = "ValidateScheduling"
     OCCUPANCY = "ValidateSpatialOccupancy"
     COLLISION = "Collision"  # arms that have hit something
-    TRACKING = "Tracking"  # an arm beside its path
-    OBJECT_MOTION = "ObjectMotion"  # a disturbed arm that has moved a thing it is not about
+    TRACKING = "Tracking"  # an arm off its path
+    OBJECT_MOTION = "ObjectMotion"  # a disturbed arm that has moved an object outside its subgoal
     MOTION = "Motion"  # no motion was found for a proposal
-    CODE = "CheckCode"  # constraints that no check code can be made of
-    BRAIN = "RoboBrain"  # its answer is none
+    CODE = "CheckCode"  # constraints that cannot be compiled
+    BRAIN = "RoboBrain"  # no usable answer
 
 
 class Cause(StrEnum):
-    """What a violation is about."""
+    """Category of a violation."""
 
     CONTACT = "contact"  # arms that hit something
-    SPACE = "space"  # room for an arm
+    SPACE = "space"  # free space for an arm
     TIME = "time"  # order and time
     REACH = "reach"  # what an arm can reach
-    INTERACTION = "interaction"  # where and how it takes hold
+    INTERACTION = "interaction"  # where and how it makes contact
     GRIP = "grip"  # what it holds
     TRACKING = "tracking"  # whether it follows its path
     ANSWER = "answer"  # the answer itself
@@ -221,49 +221,49 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True)
 class Doing:
-    """What an agent is about at a moment of its plan."""
+    """Activity of an agent at a moment of its plan."""
 
     subgoal: str  # its text
     primitive: str
-    along_s: float | None = None  # how long it has been on its own way, waiting left out, where that counts
+    along_s: float | None = None  # time along its own path, waiting excluded, where that matters
 
 
 @dataclass(frozen=True)
 class Found:
-    """What was found. Each finding tells (`Finding`) which of the facts behind the numbers it has."""
+    """A finding with its facts. Its kind (`Finding`) determines which facts after the numbers it has."""
 
     finding: Finding = Finding.CONSTRAINT
     value: float = 0.0  # what was found, in `unit`
     bound: float = 0.0  # what is allowed, in `unit`
-    unit: str = ""  # empty for a share, and where there is no number
+    unit: str = ""  # empty for a fraction, and where there is no number
     _: KW_ONLY
     time_s: float  # since the start of the episode
-    agents: tuple[int, ...] = ()  # those it is about: two that are in each other's way, one that cannot reach
+    agents: tuple[int, ...] = ()  # concerned: two that are in each other's way, one that cannot reach
     measured: bool = False  # on the real state; otherwise planned, before anything moves
     obstacles: tuple[str, ...] = ()  # what was in the way: objects, agents, zones
-    object: str | None = None  # the one that it is about
-    aspect: str = ""  # of it, or of the agent: the point, direction, side or parts that are asked about
+    object: str | None = None  # concerned
+    aspect: str = ""  # of the object or agent: point, direction, side or parts in question
     doing: tuple[Doing | None, ...] = ()  # of each agent then; None: it stands still
-    parts: tuple[str, ...] = ()  # the links and things that are nearest to one another
-    subgoals: tuple[str, ...] = ()  # those that it is about
-    known: tuple[str, ...] = ()  # what there is instead of what was named
-    refusal: str = ""  # what the reader of an answer said of it
+    parts: tuple[str, ...] = ()  # the links and objects that are nearest to one another
+    subgoals: tuple[str, ...] = ()  # concerned
+    known: tuple[str, ...] = ()  # available names, in place of an unknown one
+    refusal: str = ""  # message of the parser of an answer
     constraint: str = ""  # as it was stated
     tried: tuple[str, ...] = ()  # the paths that were tried, where there is more than one way to plan
 
     @property
     def sentence(self) -> str:
-        """One that a person and a model can act on."""
+        """Sentence that a person and a language model can act on."""
         said = self.finding.form.format_map(self)
         return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
 
     def __getitem__(self, name: str) -> Any:
-        """What a form names: a fact as it is, or as sentences have it."""
+        """Value of a name in a template: a fact as it is, or as written in sentences."""
         return _WRITTEN[name](self) if name in _WRITTEN else getattr(self, name)
 
 
 class About(TypedDict, total=False):
-    """Facts of `Found` beside its numbers, for whoever passes them on."""
+    """Facts of `Found` besides its numbers, to be passed as keyword arguments."""
 
     agents: tuple[int, ...]
     measured: bool
@@ -284,19 +284,19 @@ class Violation(Found):
 
     @property
     def code(self) -> str:
-        """What it was found to be, as one word: `unknown_object`, `out_of_reach`."""
+        """Name of its finding: `unknown_object`, `out_of_reach`."""
         return self.finding.name.lower()
 
     @property
     def kind(self) -> str:
-        """Without what differs from seed to seed: equal failures are equal texts."""
+        """Agents, finding and object, without what depends on the seed: equal failures have equal texts."""
         who = " and ".join(map(agent_name, self.agents))
         about = self.obstacles or ((self.object,) if self.object else ())
         return ": ".join(filter(None, (who, f"{self.finding} {', '.join(about)}".strip())))
 
 
 class Misread(ArgumentError):
-    """What cannot be understood, with what it was found to be."""
+    """Text that cannot be understood, as an error with its finding."""
 
     def __init__(self, told: object, finding: Finding = Finding.REFUSED) -> None:
         super().__init__(str(told))
@@ -304,12 +304,12 @@ class Misread(ArgumentError):
 
 
 def agent_name(agent: int) -> str:
-    """`Agent_1`, as the paper writes it; `Anybody` where any may do it."""
+    """`Agent_1`, as in the paper; `Anybody` where any agent may do it."""
     return f"Agent_{agent}" if agent else "Anybody"
 
 
 def names(agents: tuple[int, ...]) -> str:
-    """`Agent_1` or `[Agent_1, Agent_2]`, as the paper prints check code."""
+    """`Agent_1` or `[Agent_1, Agent_2]`, as in the paper's check code."""
     listed = ", ".join(map(agent_name, agents))
     return listed if len(agents) == 1 else f"[{listed}]"
 
@@ -330,12 +330,12 @@ def _everyone(found: Found) -> str:
 
 
 def _moves(found: Found) -> int:
-    """Which of two agents is on its way."""
+    """Index of the one of two agents that moves."""
     return next((k for k, does in enumerate(found.doing) if does is not None), 0)
 
 
 def _how_near(found: Found) -> str:
-    """Which part comes how near to which part of what is in the way, where that is known."""
+    """Nearest parts of agent and obstacle with their distance, where known."""
     if not found.parts:
         return ""
     where = f"{found.aspect} " if found.aspect else ""
@@ -343,7 +343,7 @@ def _how_near(found: Found) -> str:
     return f" ({where}its {found.parts[0]} comes within {near})"
 
 
-_WRITTEN: Mapping[str, Callable[[Found], object]] = {  # what forms name beside the facts as they are
+_WRITTEN: Mapping[str, Callable[[Found], object]] = {  # names in templates -> text, besides plain facts
     "agents": lambda found: names(found.agents),
     "a": lambda found: agent_name(found.agents[0]),
     "b": lambda found: agent_name(found.agents[1]),

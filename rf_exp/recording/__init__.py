@@ -1,4 +1,4 @@
-"""What episodes and rollouts look like: the bridge from simulator, checker and loops to `rf_exp.viz`."""
+"""Films and recordings of episodes and rollouts: from simulator, checker and loops to `rf_exp.viz`."""
 
 import lazy_loader
 

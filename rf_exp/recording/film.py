@@ -1,4 +1,4 @@
-"""A rollout as a short film and a picture of its last moment, small enough for a report."""
+"""Short film of a rollout and picture of its last step, small enough for a report."""
 
 from pathlib import Path
 
@@ -14,18 +14,17 @@ from rf_exp.viz import HOLDS, VIOLATED, Film, agent_colour, text
 from rf_exp.viz.frames import INK, SOFT, Line, Mark, frame
 
 EVERY = 4  # control steps from one frame to the next
-RATE = 2 * CONTROL_HZ // EVERY  # frames a second: twice as fast as real
-REST_FRAMES = 2 * RATE  # the last one stays a while
+RATE = 2 * CONTROL_HZ // EVERY  # frames per second: twice real time
+REST_FRAMES = 2 * RATE  # for which the last picture stays
 HEIGHT_PX = 240  # of the global view
 QUALITY = 28  # see Film
 
 
 class RolloutFilm(Film):
-    """Films one rollout; an observer of the rollout loop, a context manager.
+    """Film of one rollout: an observer of the rollout loop, and a context manager.
 
-    Shows all cameras, the time, and which conditions of success hold; where heat maps see that an agent goes
-    next as a ring of its colour, what else they see as dots. The picture of the last moment is
-    written to `picture`.
+    Shows all cameras, the time, and which conditions of success hold. A detected keypoint is a ring of the
+    agent's colour where the agent goes next, otherwise a dot. The last picture is written to `picture`.
     """
 
     def __init__(self, path: Path, picture: Path, task: Task, world: Simulator) -> None:
@@ -34,7 +33,7 @@ class RolloutFilm(Film):
         self._last: RolloutStep | None = None
 
     def begun(self, scene: Scene) -> None:
-        """Nothing of the start, which nobody has judged."""
+        """Skips the start, which has no verdict."""
 
     def rolled(self, step: RolloutStep) -> None:
 
@@ -43,7 +42,7 @@ class RolloutFilm(Film):
             self.add(self._frame(step, ""))
 
     def ended(self, result: Rollout) -> None:
-        """The last moment, with how it ended."""
+        """Adds and saves the last step, with the outcome."""
         assert self._last is not None  # a rollout has at least one step
         last = self._frame(self._last, ", succeeded" if result.success else ", failed")
         self.add(last, REST_FRAMES)
@@ -56,7 +55,7 @@ class RolloutFilm(Film):
 
 
 def _lines(step: RolloutStep) -> list[Line]:
-    """A line for each condition: a mark in green where it holds, its number if it has one.
+    """A line for each condition: a mark in green where it holds, and its measured value, if any.
 
     With a shield, one more for what it does.
     """
@@ -72,7 +71,7 @@ def _lines(step: RolloutStep) -> list[Line]:
 
 
 def follow(world: Simulator, step: RolloutStep) -> None:
-    """Puts arms and things of another simulator where they were measured in a step; nothing is simulated."""
+    """Puts arms and objects of another simulator at the poses measured in a step; nothing is simulated."""
     poses = {**step.scene.poses, **step.scene.clutter}
     placed = {name: np.array(position_and_quaternion(pose)) for name, pose in poses.items()}
     world.place(step.scene.qpos, placed)

@@ -1,4 +1,4 @@
-"""Episodes and rollouts as recordings: the bridge from simulator, checker and loops to `rf_exp.viz`."""
+"""Recorders of episodes and rollouts: the bridge from simulator, checker and loops to `rf_exp.viz`."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -23,20 +23,20 @@ from rf_exp.viz import Mesh, Panels, Recorder, camera_entity, link_entity, objec
 from rf_exp.viz.text import CheckResult
 
 OCCUPANCY_EVERY = DISTANCES_EVERY = PICTURES_EVERY = 2  # control steps
-TRAIL_STEPS = 2 * CONTROL_HZ  # of the hand, shown behind it
-HIGHEST = 3.0  # a number that is further off than this many bounds is drawn there
-TABLE_M = (2.4, 2.4, 0.02)  # what is drawn of the table
+TRAIL_STEPS = 2 * CONTROL_HZ  # length of the trail behind a gripper
+HIGHEST = 3.0  # larger ratios of a value to its bound are clipped
+TABLE_M = (2.4, 2.4, 0.02)  # size of the displayed table
 TABLE_COLOUR = (0.45, 0.40, 0.35)
-CAMERAS = "cameras"  # owner of the voxels that they see
+CAMERAS = "cameras"  # owner of the voxels seen by depth cameras
 
 
 class SceneRecorder(Recorder):
-    """Records scenes of a task, as a simulator shows them."""
+    """Recorder of the scenes of a task in a simulator."""
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str, panels: Panels) -> None:
         self._task, self._world = task, world
         self._arms = tuple(task.arms.values())
-        self._scene: Scene | None = None  # as seen last
+        self._scene: Scene | None = None  # the last one
         super().__init__(
             path,
             task=task.name,
@@ -55,7 +55,7 @@ class SceneRecorder(Recorder):
         action: NDArray[np.float64] | None = None,
         pictures: Mapping[str, NDArray[np.uint8]] | None = None,
     ) -> None:
-        """The scene as it is, without a plan."""
+        """Records the present scene, without a plan."""
         self._scene = scene
         poses = {object_entity(name): pose for name, pose in {**scene.poses, **scene.clutter}.items()}
         for agent, arm in zip(self._task.agents, self._arms, strict=True):
@@ -70,7 +70,7 @@ class SceneRecorder(Recorder):
             self._occupancy(scene)
 
     def _occupancy(self, scene: Scene) -> None:
-        """Voxels of every arm with what it holds, and of the objects that nobody holds."""
+        """Records the voxels of every arm with its load, and of the objects that no arm holds."""
         planning_scene = PlanningScene(self._task, scene)
         names = (*self._task.objects, *self._task.clutter)
         objects = {name: voxels(planning_scene.standing([name])) for name in names}
@@ -82,7 +82,7 @@ class SceneRecorder(Recorder):
             self.occupancy(name, None if name in scene.held else centres_m(occupied))
 
     def _hands_m(self, agents: tuple[int, ...]) -> NDArray[np.float64]:
-        """(K, 3) tool centre points of some agents, as seen last."""
+        """(K, 3) tool centre points of some agents in the last scene."""
         if self._scene is None:
             return np.zeros((0, 3))
         qpos = self._scene.qpos
@@ -91,7 +91,7 @@ class SceneRecorder(Recorder):
 
 
 def _meshes(task: Task) -> dict[str, Mesh]:
-    """Every entity that is drawn: links of each arm, objects, the table."""
+    """The meshes of all entities: links of each arm, objects, the table."""
     meshes = {
         link_entity(agent, link): Mesh(vertices, faces, colours)
         for agent, robot in zip(task.agents, task.robots, strict=True)
@@ -113,7 +113,7 @@ def _object(task: Task, name: str) -> Mesh:
 
 
 class EpisodeRecorder(SceneRecorder):
-    """Records one episode; an observer of the generation loop."""
+    """Recorder of one episode; an observer of the generation loop."""
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
         super().__init__(path, task, world, title, "plan")
@@ -122,7 +122,7 @@ class EpisodeRecorder(SceneRecorder):
         self._doing: dict[int, tuple[str, str]] = {}  # agent -> subgoal, primitive
 
     def planned(self, plan: Planned) -> None:
-        """Proposal, check code, the evidence of every check, the diagrams, and what the cameras saw."""
+        """Records proposal, check code with evidence, coordination diagrams, and voxels seen by cameras."""
         self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
         self.proposal(plan.proposal)
         self.checked(check_results(plan.checked))
@@ -132,7 +132,7 @@ class EpisodeRecorder(SceneRecorder):
         self.coordination(plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, paths))
 
     def rejected(self, violation: Violation) -> None:
-        """A violation, marked at the hands of the agents involved; it ends what was going on."""
+        """Records a violation, marked at the grippers of its agents, and ends their subgoals."""
         self.violation(violation, self._hands_m(violation.agents))
         self._plan = None
         for agent in self._task.agents:
@@ -141,7 +141,7 @@ class EpisodeRecorder(SceneRecorder):
     def stepped(
         self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
     ) -> None:
-        """One control step: poses, curves, pictures, occupancy, and what each agent is about."""
+        """Records one control step: poses, curves, pictures, occupancy, and the subgoal of each agent."""
         self.look(scene, action, pictures)
         if self._plan is None:
             return
@@ -161,33 +161,33 @@ class EpisodeRecorder(SceneRecorder):
 
 
 def check_results(checked: CheckedPlan) -> tuple[CheckResult, ...]:
-    """The evidence of all checks on a plan, ready to be shown."""
+    """The evidence of all checks on a plan, for display."""
     return tuple(map(check_result, checked.checks, checked.evidence))
 
 
 def check_result(check: Check, evidence: Evidence) -> CheckResult:
-    """A check with its evidence, ready to be shown."""
+    """A check with its evidence, for display."""
     found = evidence.value, evidence.bound, check.unit, evidence.time_s, evidence.sentence
     return CheckResult(repr(check), check.text, evidence.ok, *found)
 
 
 def orders(checker: RoboChecker, paths: Paths) -> Mapping[tuple[int, int], Mask]:
-    """(P_i, P_j) for pairs of agents i < j: True where what a plan demands of timing forbids to be."""
+    """(P_i, P_j) for pairs of agents i < j: True for positions that the temporal demands of a plan forbid."""
     return Demands(paths.trajectories, checker.rules(paths)).cells
 
 
 class RolloutRecorder(SceneRecorder):
-    """Records one rollout; an observer of the rollout loop."""
+    """Recorder of one rollout; an observer of the rollout loop."""
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
         super().__init__(path, task, world, title, "rollout")
         self._trails = {agent: deque[NDArray[np.float64]](maxlen=TRAIL_STEPS) for agent in task.agents}
-        self._since: dict[str, int] = {}  # condition -> step since which it is as it is
+        self._since: dict[str, int] = {}  # condition -> step of its last change
         self._evidence: dict[str, bool] = {}
-        self._pushes: set[str] = set()  # who pushes what, as shown so far
+        self._pushes: set[str] = set()  # contacts recorded so far
         self._violated = False
         self._table = Markdown()
-        self._withheld = ""  # what the shield did last
+        self._withheld = ""  # the last text about the shield
         self._doing: dict[int, int] = {}  # agent -> number of its subgoal
         self._detections: tuple[KeypointDetection, ...] = ()
 
@@ -196,7 +196,7 @@ class RolloutRecorder(SceneRecorder):
         self._distances(scene)
 
     def rolled(self, step: RolloutStep) -> None:
-        for agent, chunk in step.predicted.items():  # made before the step, from where the hands were
+        for agent, chunk in step.predicted.items():  # predicted before the step
             self.predicted(agent, step.scene.step, chunk)
             ahead = self._arms[agent - 1].tcp(chunk)[:, :3, 3]
             self.path(agent, "predicted", ahead)
@@ -223,7 +223,7 @@ class RolloutRecorder(SceneRecorder):
         self._violated = step.violation is not None
 
     def ended(self, result: Rollout) -> None:
-        """The verdict on the whole."""
+        """Records the outcome."""
         self.judged(Markdown(f"{text.outcome(result)}\n\n{self._table}"))
         self.note(f"{'success' if result.success else result.reason}, step {result.steps}")
 
@@ -233,7 +233,7 @@ class RolloutRecorder(SceneRecorder):
             self.distance(a, b, planning_scene.between(a, b).distance_m)
 
     def _contacts(self, scene: Scene) -> None:
-        """Forces between arms, and of fingers on objects."""
+        """Records forces between arms, of fingers on objects, and on clutter."""
         forces = {f"agents {a} and {b}": force for a, b, force in scene.arm_contacts}
         forces |= {
             f"agent {agent} on {name}": float(np.linalg.norm(force))
@@ -257,7 +257,7 @@ class RolloutRecorder(SceneRecorder):
         self.judged(self._table)
 
     def _shielded(self, step: RolloutStep) -> None:
-        """A lane that tells when a shield keeps an arm from its command; in the log, whom and why."""
+        """Records in a lane when a shield withholds commands, and in the log from which agents and why."""
         if step.withheld is None:
             return
         self._state("shield", not step.withheld, step.scene.step, ("holds", "steps in"))
@@ -267,7 +267,7 @@ class RolloutRecorder(SceneRecorder):
         self._withheld = said
 
     def _state(self, name: str, holds: bool, step: int, states: tuple[str, str]) -> None:
-        """A lane changes where a condition does."""
+        """Records a change of a condition in its lane."""
         if self._evidence.get(name) is not holds:
             self._evidence[name], self._since[name] = holds, step
             self.condition(name, holds, f"{name}: {states[0] if holds else states[1]}", states)

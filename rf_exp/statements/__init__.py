@@ -1,7 +1,7 @@
 """The constraint language: frozen statements, their sentences, and the verbs of subgoals.
 
 Each kind of statement has a file; `language` has the grammar of sentences. Plans, planners and checks take
-statements. Sentences are for models and people: `Statement.sentence` writes one, `read` reads one.
+statements. Sentences are for language models and people: `Statement.sentence` writes one, `read` parses one.
 """
 
 from rf_exp.statements.language.base import (
@@ -30,7 +30,7 @@ from rf_exp.statements.language.reading import (
 )
 from rf_exp.statements.language.verbs import VERBS, Narrow, Verb, add_verb
 
-# Kinds are shown in prompts, and sentences compared with them, in the order in which they are defined.
+# Kinds are shown in prompts, and tried on sentences, in the order of their definition.
 # isort: off
 from rf_exp.statements.keep_apart import KeepApart
 from rf_exp.statements.keep_level import KeepLevel

@@ -46,7 +46,7 @@ class AvoidAgents(OfAgents):
 
 @dataclass(frozen=True)
 class AvoidObjects(OfAgent):
-    """An agent touches nothing but what its subgoals are about."""
+    """An agent touches no object except those of its subgoals."""
 
     kind = "spatial"
     patterns = (rf"{_KEEPS_OFF} {{things}}",)
@@ -57,7 +57,7 @@ class AvoidObjects(OfAgent):
 
 
 def keep_clear(agents: Iterable[int]) -> list[Statement]:
-    """Nobody touches another agent, nor an object that its subgoals are not about."""
+    """Statements that each agent avoids the others, and objects outside its subgoals."""
     agents = tuple(agents)
     return [*(AvoidAgents((agent,)) for agent in agents), *(AvoidObjects(agent) for agent in agents)]
 

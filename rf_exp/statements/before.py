@@ -9,7 +9,7 @@ _DOES = r"{does then} {object then}"
 
 @dataclass(frozen=True)
 class Before(Statement):
-    """Something is over before an agent begins something, and `wait_s` pass (paper, section 3.2)."""
+    """An event is over, and `wait_s` have passed, before an agent begins a part (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

@@ -6,7 +6,7 @@ from rf_exp.statements.language.notation import number
 
 @dataclass(frozen=True)
 class Deadline(Statement):
-    """A part of an agent's plan is over in time, from the start of the plan on (paper, section 3.2)."""
+    """A part of an agent's plan ends within a time from the start of the plan (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

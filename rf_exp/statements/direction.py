@@ -1,4 +1,4 @@
-"""Logical: how a gripper is turned (paper, section 3.2, interaction direction)."""
+"""Logical: orientation of a gripper (paper, section 3.2, interaction direction)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from rf_exp.types import Subgoal
 
 @dataclass(frozen=True)
 class Direction(OfAgent):
-    """Interaction direction: how the gripper of an agent is turned, at contact or while it does something."""
+    """Interaction direction: orientation of an agent's gripper, at contact or during a subgoal."""
 
     kind = "logical"
     patterns = (
@@ -25,7 +25,7 @@ class Direction(OfAgent):
 
     object: str
     direction: str = "perpendicular"  # perpendicular (as annotated) | vertical | horizontal | level
-    verb: str | None = None  # what it does then; contact with the object unless given
+    verb: str | None = None  # of the subgoal during which it holds; at contact unless given
 
     @property
     def sentence(self) -> str:
@@ -47,7 +47,7 @@ class Direction(OfAgent):
 
 
 def grasping(subgoals: Iterable[Subgoal]) -> list[Statement]:
-    """Interaction position and direction of everything that subgoals grasp."""
+    """Interaction position and direction of every grasp among subgoals."""
     grasps = [each for each in subgoals if each.verb == "grasp" and each.object and each.point]
     positions = [ContactAt(each.agent, "grasp", each.object or "", each.point or "") for each in grasps]
     return [*positions, *(Direction(each.agent, each.object or "") for each in grasps)]

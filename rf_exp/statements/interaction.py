@@ -1,4 +1,4 @@
-"""Logical: where an object is met, and where it is put (paper, section 3.2, interaction position)."""
+"""Logical: where a gripper meets and where it puts an object (paper, section 3.2, interaction position)."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ class ContactAt(OfAgent):
 
 @dataclass(frozen=True)
 class PlaceAt(OfAgent):
-    """Where an agent puts an object: at an annotated point of another one."""
+    """Place position: an agent puts an object at an annotated point of another one."""
 
     kind = "logical"
     patterns = (r"{agent} {must} {verb} {object} (?:at|on|in|into) (?:the )?{point} of {object target}",)

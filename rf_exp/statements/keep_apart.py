@@ -9,7 +9,7 @@ _PARTS = r"(?P<part>grippers|hands|arms)"
 
 @dataclass(frozen=True)
 class KeepApart(OfAgents):
-    """The grippers or the arms of two agents stay at least so far apart."""
+    """The grippers or the arms of two agents keep a minimum distance."""
 
     kind = "spatial"
     patterns = (

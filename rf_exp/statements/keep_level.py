@@ -3,13 +3,13 @@ from dataclasses import dataclass
 from rf_exp.statements.language.base import Statement, Words, agent_name
 from rf_exp.statements.language.notation import number
 
-LEVEL_DEG = 10.0  # what level means when no angle is given
+LEVEL_DEG = 10.0  # tolerance unless the sentence gives one
 _LEVEL = r"(?:level|upright|horizontal)(?:,? (?:to )?within {deg})?"
 
 
 @dataclass(frozen=True)
 class KeepLevel(Statement):
-    """What an agent carries, or all who carry it, is tilted by no more than so much, against how it stood."""
+    """An object, carried by one agent or by any, tilts by at most `within_deg` from its pose at the start."""
 
     kind = "logical"
     patterns = (

@@ -14,8 +14,7 @@ _INSIDE = r"(?: still)? is (?:still )?(?:there|in it|in there|inside)"
 class KeepOut(OfAgent):
     """A keep-out zone: an agent, with what it carries, stays out of a box. Corners in metres, world frame.
 
-    Only while an agent or an object is in it, or until something is over, where one of them is given (paper,
-    section 3.2).
+    If given, only while an agent or an object is in it, or until an event is over (paper, section 3.2).
     """
 
     kind = "spatial"

@@ -8,7 +8,7 @@ _WHEN = r"(?: (?:when|while) {doing} {object})?"
 
 @dataclass(frozen=True)
 class SameHeight(OfAgents):
-    """Agents that carry one thing together raise it by the same height (paper, section 3.2)."""
+    """Agents that carry one object together raise it by the same height (paper, section 3.2)."""
 
     kind = "logical"
     patterns = (
@@ -27,7 +27,7 @@ class SameHeight(OfAgents):
 
     @property
     def phase(self) -> tuple[Step, ...]:
-        """The parts of the plans in which it has to hold; all of them where none is named."""
+        """The parts of the plans in which it has to hold; the whole plans without a verb."""
         return tuple(Step(agent, self.verb, self.object) for agent in self.who)
 
     @classmethod

@@ -3,12 +3,12 @@ from dataclasses import dataclass
 from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
 from rf_exp.statements.language.notation import number
 
-SLOWEST_M_S = 0.01  # a slower plan would take for ever
+SLOWEST_M_S = 0.01  # a slower plan would take too long
 
 
 @dataclass(frozen=True)
 class SpeedLimit(OfAgent):
-    """The gripper of an agent moves no faster than so much. Its motion is planned that slow."""
+    """The gripper of an agent keeps a speed limit. Its motion is planned accordingly."""
 
     kind = "temporal"
     patterns = (

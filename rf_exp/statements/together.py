@@ -4,14 +4,14 @@ from rf_exp.statements.deadline import Deadline
 from rf_exp.statements.language.base import MAX_WAIT_S, TOGETHER_S, OfAgents, Statement, Step, Words, listed
 from rf_exp.statements.language.notation import number
 
-LARGEST_TOLERANCE_S = 10.0  # between beginnings that are called simultaneous
-_JOINS = ("put", "set", "lay", "stack", "bring")  # with `together`
-SHORT_S = 2.0  # nothing is over so soon: `simultaneously within 2 s` is no deadline
+LARGEST_TOLERANCE_S = 10.0  # between starts that are called simultaneous
+_JOINS = ("put", "set", "lay", "stack", "bring")  # with `together`, these may mean to join objects
+SHORT_S = 2.0  # no subgoal is over so soon: `simultaneously within 2 s` is no deadline
 
 
 @dataclass(frozen=True)
 class Together(OfAgents):
-    """Agents begin the same thing, or all that they do, at most `within_s` apart (paper, section 3.2)."""
+    """Agents begin the same subgoal, or their whole plans, at most `within_s` apart (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

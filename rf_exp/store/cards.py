@@ -1,4 +1,4 @@
-"""The card of a data set: what its reader wants to know, from what the store says of itself."""
+"""Data cards: a Markdown description of a store, from its attributes and data."""
 
 import json
 from collections import Counter
@@ -22,9 +22,9 @@ tags:
 
 
 def card(store: Store, held: str = "", tags: Iterable[str] = ()) -> str:
-    """A data card in Markdown. What the store says of itself may be anybody's words.
+    """A data card in Markdown. Texts from the store are untrusted and escaped.
 
-    `held` says in Markdown in which form the data lie beside it; unless given, the store.
+    `held`: Markdown about the format of the data beside the card; by default the store's.
     """
     name = code(store.path.name)
     held = held or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
@@ -53,7 +53,7 @@ def _about(store: Store) -> str:
 
 
 def facts(store: Store) -> dict[str, Any]:
-    """The data in numbers, by name; values are plain, and texts are one line of what can be shown."""
+    """Facts about the data, by name; values are plain, texts are one printable line."""
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
     row = store.identity.get("constraint_set", {})
@@ -99,7 +99,7 @@ def _facts(store: Store) -> str:
 
 
 def _imported(store: Store) -> str:
-    """Of demonstrations of others: where they are from, and what cannot be done with them; else empty."""
+    """Section about the source of imported demonstrations and what missing data prevents; else empty."""
     said = imported(store.identity)
     if not said:
         return ""
@@ -119,7 +119,7 @@ def _imported(store: Store) -> str:
 
 
 def imported(identity: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What a store says of the source that it was imported from; empty for one of the suite's own."""
+    """The entry about its source in the identity of an imported store; empty for the suite's own stores."""
     said = identity.get("imported")
     return said if isinstance(said, Mapping) else {}
 
@@ -127,7 +127,7 @@ def imported(identity: Mapping[str, Any]) -> Mapping[str, Any]:
 def _made(store: Store) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in store.attrs.get("versions", {}).items())
     recipe = json.dumps({name: value for name, value in store.identity.items() if name != "scene"}, indent=1)
-    for letter in "<>&`~":  # JSON has a way to write them that no page takes for markup, in no place
+    for letter in "<>&`~":  # a JSON escape is never markup
         recipe = recipe.replace(letter, f"\\u{ord(letter):04x}")
     return (
         "## How it was made\n\n"

@@ -1,4 +1,4 @@
-"""Damaged data: what is wrong with an episode, and a store of which whole ones can still be read."""
+"""Damaged data: problems of an episode, and a reader for the intact episodes of a damaged store."""
 
 import json
 from contextlib import suppress
@@ -15,17 +15,17 @@ from rf_exp.store.layout import array_of, assembled, empty_like, layout, rows_a_
 from rf_exp.store.store import Store
 from rf_exp.types import Episode
 
-UNIT_WITHIN = 1e-3  # of the length of quaternions
+UNIT_WITHIN = 1e-3  # tolerance of the norm of quaternions
 
 
 class Damaged:
-    """A store that `Store.open` may refuse, read as far as it goes.
+    """Reader of a store that `Store.open` may refuse.
 
-    Its attributes say which arrays there are, so that only the files with their rows have to be whole.
+    The arrays are derived from its attributes, so only the files with the rows of an episode must be intact.
     """
 
     def __init__(self, path: Path, frame: Path) -> None:
-        """`frame` is an empty folder of which it makes use. Raises StageError as `opened` does."""
+        """`frame` is an empty folder for temporary files. Raises StageError as `opened` does."""
         self._path = path
         _, self.attrs = opened(path, "r")
         empty_like(frame / "store", self.attrs)
@@ -35,7 +35,7 @@ class Damaged:
         self.ends = self._ends()
 
     def episode(self, index: int) -> Episode:
-        """One episode. Raises Damage that says which part of it cannot be read."""
+        """One episode. Raises Damage naming the part that cannot be read."""
         start, end = (self.ends[index - 1] if index else 0), self.ends[index]
         return assembled(
             self.attrs,
@@ -45,7 +45,7 @@ class Damaged:
         )
 
     def seed(self, index: int) -> int:
-        """As it is stored or, where that is lost, as the row of the certificate says. Raises Damage."""
+        """The stored seed or, where that is lost, the one in the certificate's row. Raises Damage."""
         try:
             return int(self._read("meta/seed", index, index + 1)[0])
         except Damage:
@@ -60,9 +60,9 @@ class Damaged:
             raise Damage(f"meta/certificate holds no JSON: {error}") from error
 
     def _ends(self) -> list[int]:
-        """The row after the last of each episode, as far as they can be read and rise.
+        """Row after the last of each episode, as far as they can be read and rise.
 
-        Where they cannot be read, episodes end where the time of the next begins.
+        Unreadable ones are derived from `time_s`, which restarts with each episode, if that yields more.
         """
         found = [0]
         stored = self._rows("meta/episode_ends")
@@ -71,7 +71,7 @@ class Damaged:
                 end = int(self._read("meta/episode_ends", len(found) - 1, len(found))[0])
             except Damage:
                 return max(found[1:], self._ends_by_time(), key=len)
-            if end <= found[-1]:  # zeros, where it is not known how many there are
+            if end <= found[-1]:  # zeros, where the number of episodes is unknown
                 break
             found.append(end)
         return found[1:]
@@ -87,9 +87,9 @@ class Damaged:
         return [*began[1:].tolist(), rows][: self._rows("meta/certificate")]
 
     def _rows(self, name: str) -> int:
-        """How many rows an array has: those that it declares, but no more than there are files for."""
+        """Number of rows of an array: those declared, but at most those of the files present."""
         rows = rows_a_file(array_of(self._arrays, name)) * len(list((self._path / name / "c").glob("*")))
-        with suppress(Exception):  # what it declares is lost as well
+        with suppress(Exception):  # its metadata is lost too
             rows = min(rows, zarr.open_array(self._path / name, mode="r", zarr_format=3).shape[0])
         return rows
 
@@ -106,7 +106,7 @@ class Damaged:
 
 
 def problems(store: Store, index: int) -> list[str]:
-    """What is wrong with one episode, in words; nothing for one that is whole. Reads all of it."""
+    """Problems of one episode, in words; empty for an intact one. Reads all of it."""
     try:
         episode = store.episode(index)
     except Damage as error:
@@ -115,7 +115,7 @@ def problems(store: Store, index: int) -> list[str]:
 
 
 def flaws(episode: Episode) -> list[str]:
-    """What cannot be right of an episode, in words."""
+    """Invalid values of an episode, in words."""
     floats: dict[str, NDArray[Any]] = {
         "qpos": episode.qpos,
         "qvel": episode.qvel,

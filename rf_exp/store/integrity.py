@@ -1,8 +1,8 @@
-"""Whether a path holds a store, and whether that is whole: attributes, layout, ends, seeds, and every file.
+"""Integrity checks: whether a path holds a store with intact attributes, layout, ends, seeds and files.
 
-What a store declares is never believed: sizes are held against bounds, and lengths against the files that are
-there, before anything is read or allocated. What is no store of this project is told by its layout, without
-decoding a value, so that nothing sound is ever called damaged.
+Declarations are not trusted: sizes are compared with bounds, and lengths with the files present, before
+anything is read or allocated. Other kinds of data are recognised by their layout, without decoding a value,
+so that nothing intact is reported as damaged.
 """
 
 import json
@@ -31,25 +31,25 @@ from rf_exp.types import CONTROL_HZ
 
 ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "objects", "height", "width", "control_hz"}
 SIZES = {"agents": (1, 99), "height": (0, 8192), "width": (0, 8192)}  # least and most; pictures in px
-MOST_SURPLUS = 1_000_000  # rows behind the episodes, of one whose append was killed: 14 hours of motion
+MOST_SURPLUS = 1_000_000  # rows behind the episodes, left by a killed append: 14 hours of motion
 OURS = ("identity", "control_hz")  # attributes that stores of other kinds lack
-OUR_ARRAY = "meta/certificate"  # and a folder that they lack
+OUR_ARRAY = "meta/certificate"  # array that stores of other kinds lack
 BUFFER = {"data/action", "meta/episode_ends"}  # arrays that a replay buffer of Diffusion Policy has
-SHOWN = 8  # arrays that are named
+SHOWN = 8  # arrays listed in a message
 BUFFER_KIND = "laid out as a replay buffer of Diffusion Policy"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 FILES = {HDF5: "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
 
 
 class Damage(StageError):
-    """Bytes of a store are not as they were written."""
+    """Error: bytes of a store are not as they were written."""
 
 
 @contextmanager
 def decoding(path: Path, refused: Callable[[str], StageError]) -> Iterator[None]:
-    """Turns what a decoder raises, whatever it is, into what is `refused` for that reason.
+    """Turns any exception of a decoder into the error that `refused` makes of its reason.
 
-    Lack of access or memory is another StageError.
+    Lack of access or memory raises another StageError.
     """
     try:
         yield
@@ -61,12 +61,12 @@ def decoding(path: Path, refused: Callable[[str], StageError]) -> Iterator[None]
 
 
 def blames(path: Path, what: str, rescuable: bool = True) -> AbstractContextManager[None]:
-    """Turns what a decoder raises on damaged bytes into Damage."""
+    """Turns any exception of a decoder on damaged bytes into Damage."""
     return decoding(path, lambda why: damaged(path, f"{what} {why}", rescuable))
 
 
 def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
-    """The error for a store of which episodes can be kept, or, where its attributes are lost, none can."""
+    """The error for a damaged store; not `rescuable` where its attributes, and so all episodes, are lost."""
     keep = f"keep what is whole with `python -m rf_exp.rescue {path}`, " if rescuable else ""
     lost = "" if rescuable else ", without which no episode can be told from another"
     return Damage(
@@ -75,7 +75,7 @@ def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
 
 
 def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, Any]]:
-    """The group of a store and its checked attributes. Raises Damage, StageError for other things."""
+    """The group of a store and its checked attributes. Raises Damage, StageError for other kinds of data."""
     with blames(path, "it has no attributes that can be read", rescuable=False):
         refuse_other_kinds(path)
         group = zarr.open_group(path, mode=mode, zarr_format=3)
@@ -108,7 +108,7 @@ def _maker(attributes: Mapping[str, Any]) -> str:
 
 
 def times_stored(identity: object) -> int:
-    """How often a seed may be in a store: once, unless each episode was drawn several times."""
+    """How often a seed may occur in a store: once, unless each episode was rendered several times."""
     copies = identity.get("copies") if isinstance(identity, Mapping) else None
     return copies if type(copies) is int and copies > 0 else 1
 
@@ -116,9 +116,9 @@ def times_stored(identity: object) -> int:
 def check_rows(
     path: Path, group: zarr.Group, attributes: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The row after the last of each episode (E,) and its seed (E,), once all states and files are checked.
+    """Checks all states and files; returns the row after the last of each episode (E,) and its seed (E,).
 
-    Raises StageError that says what is damaged.
+    Raises StageError naming the damage.
     """
     arrays = _arrays(path, group, attributes)
     episodes = arrays["meta/episode_ends"].shape[0]
@@ -156,7 +156,7 @@ def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dic
 
 
 def _whole(path: Path, arrays: Mapping[str, zarr.Array[Any]], name: str, rows: int) -> NDArray[Any]:
-    """The first rows of an array, once each of their files is known to answer."""
+    """The first `rows` rows of an array, after checking that each of their files can be read."""
     _check_length(path, name, arrays[name], rows)
     with blames(path, f"{name} cannot be read"):
         return np.asarray(arrays[name][:rows])
@@ -169,7 +169,7 @@ def _check_length(path: Path, name: str, array: zarr.Array[Any], expected: int) 
         last = min(first + rows_a_file(array), expected) - 1
         try:
             require_file(path, name, array, first)
-            array[last if is_picture(name) else slice(first, last + 1)]  # pictures are most of the bytes
+            array[last if is_picture(name) else slice(first, last + 1)]  # pictures are large: one per file
         except Exception as error:  # whatever a decoder raises on damaged bytes
             refuse_access(path, error)
             raise damaged(
@@ -180,14 +180,14 @@ def _check_length(path: Path, name: str, array: zarr.Array[Any], expected: int) 
 
 
 def require_file(path: Path, name: str, array: zarr.Array[Any], row: int) -> None:
-    """Raises FileNotFoundError where the file with that row is missing: Zarr would take it for zeros."""
+    """Raises FileNotFoundError where the file with that row is missing: Zarr would return zeros."""
     file = Path(name) / file_of(array, row)
     if not (path / file).is_file():
         raise FileNotFoundError(f"file {file} is missing")
 
 
 def refuse_other_kinds(path: Path) -> None:
-    """Raises StageError for anything but a store of this project, whole or damaged."""
+    """Raises StageError for anything but a store of this project, intact or damaged."""
     try:
         if not path.exists():
             raise StageError(
@@ -205,7 +205,7 @@ def refuse_other_kinds(path: Path) -> None:
 
 
 def _instead(path: Path, what: str) -> str:
-    """What makes a store of what is none."""
+    """Hint how to make a store of another kind of data; empty without one."""
     if what == FILES[b"\x80"]:
         return ", or make one of the .h5 that the pickle was made of: no pickle is ever loaded"
     if what == FILES[HDF5] or (what.startswith("a Zarr 2 group") and BUFFER_KIND in what):
@@ -214,7 +214,7 @@ def _instead(path: Path, what: str) -> str:
 
 
 def other_kind(path: Path) -> str:
-    """What is there, in words; empty for a store of this project, whole or damaged."""
+    """The kind of a file or folder, in words; empty for a store of this project, intact or damaged."""
     if not path.is_dir():
         with path.open("rb") as file:
             begins = file.read(8)
@@ -222,7 +222,7 @@ def other_kind(path: Path) -> str:
     if (path / "zarr.json").is_file():
         said = _json(path / "zarr.json")
         if not said or _is_ours(said) or (path / OUR_ARRAY).is_dir():
-            return ""  # what cannot be read may have been one of ours
+            return ""  # an unreadable one may be ours
         if _is_ours(_json(path.parent / "zarr.json")):
             return f"a part of the store {path.parent}"
         return _zarr(3, "array" if said.get("node_type") == "array" else "group", path, "zarr.json")

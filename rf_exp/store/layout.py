@@ -1,4 +1,4 @@
-"""What a store holds: its arrays, how they lie in files, and what it says of them and of itself."""
+"""Layout of a store: its arrays, their chunks and files, and the attributes of arrays and store."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -14,13 +14,13 @@ from rf_exp.artifacts import plain, whole
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.types import FINGERS, UNITS, Episode, Judged
 
-FORMAT = 3  # of how a store lies in files and what it says
-MOST_JOINTS = 16  # of an arm with its hand
+FORMAT = 3  # version of layout and attributes
+MOST_JOINTS = 16  # of an arm with its gripper
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 JUDGED = ("value", "bound", "unit", "holds")  # the arrays of the conditions of success
-STEP = {"data": "step", "meta": "episode"}  # the name of the first dimension
+STEP = {"data": "step", "meta": "episode"}  # group -> name of the first dimension of its arrays
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
-STATE_CHUNK, STATE_SHARD = 128, 1024  # rows; what is damaged in a chunk costs no more than the rows of that
+STATE_CHUNK, STATE_SHARD = 128, 1024  # rows; a damaged chunk loses only its own rows
 CERTIFICATE_CHUNK, CERTIFICATE_SHARD = 1, 32  # episodes
 META_CHUNK = 256  # episodes, a file each
 ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always means damage
@@ -28,12 +28,12 @@ ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always mea
 
 @dataclass(frozen=True)
 class Model:
-    """What a store says of the robot of an agent."""
+    """Robot of an agent, as a store describes it."""
 
     title: str
-    kind: str  # as others call it
-    joints: tuple[str, ...]  # along its part of qpos and qvel: of the arm, then of the two fingers
-    commands: tuple[str, ...]  # along its part of action and executed
+    kind: str  # name in exported data sets
+    joints: tuple[str, ...]  # names along its part of qpos and qvel: the arm, then the two fingers
+    commands: tuple[str, ...]  # names along its part of action and executed
 
     @staticmethod
     def of(robot: Robot) -> "Model":
@@ -41,14 +41,14 @@ class Model:
 
 
 def stated(robots: Sequence[Robot]) -> dict[str, Any]:
-    """The attribute that tells of the robots of the agents; without it all are the usual one."""
+    """The attribute that describes the agents' robots; absent where all are the default robot."""
     if all(robot == DEFAULT for robot in robots):
         return {}
     return {"robots": [asdict(Model.of(robot)) for robot in robots]}
 
 
 def models(attributes: Mapping[str, Any]) -> tuple[Model, ...]:
-    """Of every agent. Raises ValueError for an attribute that cannot be."""
+    """Robot of every agent. Raises ValueError for an invalid attribute."""
     agents = attributes["agents"]
     said = attributes.get("robots", [asdict(Model.of(DEFAULT))] * agents)
     names = [[tuple(map(str, each[key])) for key in ("joints", "commands")] for each in said]
@@ -62,7 +62,7 @@ def models(attributes: Mapping[str, Any]) -> tuple[Model, ...]:
 
 
 def joint_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
-    """Names along qpos and qvel, of one agent or of all. See `rf_exp.types.joints_of` for what lies where."""
+    """Names along qpos and qvel, of one agent or of all. See `rf_exp.types.joints_of` for the order."""
     return _names([model.joints for model in models(attributes)], ("finger1", "finger2"), agent)
 
 
@@ -72,7 +72,7 @@ def command_names(attributes: Mapping[str, Any], agent: int | None = None) -> tu
 
 
 def _names(each: Sequence[tuple[str, ...]], hand: Sequence[str], agent: int | None) -> tuple[str, ...]:
-    """Padded to the longest: between arm and hand. Of several that differ, the numbers of the joints."""
+    """Names padded to the longest, between arm and gripper; for agents that differ, numbered joints."""
     size, arm = max(map(len, each)), -len(hand)
     if agent is None and len(set(each)) > 1:
         return (*(f"joint{k}" for k in range(1, size + arm + 1)), *hand)
@@ -83,39 +83,39 @@ def _names(each: Sequence[tuple[str, ...]], hand: Sequence[str], agent: int | No
 
 @dataclass(frozen=True)
 class Description:
-    """What the demonstrations are about and how they were seen; attributes of a store."""
+    """Attributes of a store about the task, its conditions of success, arms and cameras."""
 
     language: Mapping[str, str]  # title, description, target_condition of the task
     conditions: Sequence[str]  # of success, in the order in which their values are stored
     world_from_base: Sequence[Any]  # (4, 4) of each arm
     # camera -> intrinsics (3, 3) px, and world_from_camera or hand_from_camera (4, 4), OpenCV axes
     camera_models: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    depth: bool = False  # whether the pictures' depth is kept
-    labels: Sequence[str] = ()  # what the numbers of the segmentation mean; none is kept without
+    depth: bool = False  # whether depth is stored
+    labels: Sequence[str] = ()  # meaning of the values of the segmentation; empty: none is stored
 
     def attributes(self) -> dict[str, Any]:
         return plain(asdict(self))
 
     @classmethod
     def of(cls, attributes: Mapping[str, Any]) -> Self | None:
-        """That of a store; None for one that was made without it."""
+        """The description in the attributes of a store; None for a store without one."""
         if "conditions" not in attributes:
             return None
         return cls(**{each.name: attributes[each.name] for each in fields(cls)})
 
 
 class Kind(NamedTuple):
-    """What arrays of a kind hold."""
+    """Contents of one kind of array."""
 
     dtype: Any
     dimensions: tuple[str, ...]  # of a row
     about: str
-    units: Any = None  # along the last dimension; of joints the first is that of all of the arm
+    units: Any = None  # along the last dimension; the first one is repeated for all joints of the arm
     frame: str | None = None
 
 
 JOINTS, COMMANDS = ("agent", "joint"), ("agent", "command")
-# By the part of an array's name before its first `_`.
+# Keys: the part of an array's name before its first `_`, or all of `condition_...`.
 KINDS: Mapping[str, Kind] = {
     "qpos": Kind("float32", JOINTS, "measured joints before the action", ("rad", "m", "m")),
     "qvel": Kind("float32", JOINTS, "measured joint velocities before the action", ("rad/s", "m/s", "m/s")),
@@ -207,7 +207,7 @@ def explained(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def extra_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
-    """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
+    """Names of the stored arrays `depth_<camera>` and `segmentation_<camera>`."""
     names = (name.removeprefix("data/") for name in layout(attributes))
     return tuple(name for name in names if name.startswith(("depth_", "segmentation_")))
 
@@ -218,7 +218,7 @@ def assembled(
     certificate: Callable[[], Any],
     rows: Callable[[str], NDArray[Any]],
 ) -> Episode:
-    """The episode of which `rows` gives what an array holds, by the name of the array below `data`."""
+    """An episode; `rows` returns its rows of an array, by the name of the array below `data`."""
     judged = attributes.get("conditions")
     return Episode(
         task=str(attributes["task"]),
@@ -245,7 +245,7 @@ def is_picture(name: str) -> bool:
 
 
 def chunking(name: str) -> tuple[int, int | None]:
-    """(rows that are compressed together, with one sum; rows of a file of such chunks, None: the same)."""
+    """(rows of a chunk, compressed with one checksum; rows of a file of such chunks, None: the same)."""
     if is_picture(name):
         return PICTURE_CHUNK, PICTURE_SHARD
     if name == "meta/certificate":
@@ -254,7 +254,7 @@ def chunking(name: str) -> tuple[int, int | None]:
 
 
 def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
-    """A store without episodes, with all attributes of another. Raises OSError where it cannot be made."""
+    """Creates a store without episodes, with these attributes. Raises OSError where that is not possible."""
     with whole(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():
@@ -283,7 +283,7 @@ def rows_a_file(array: zarr.Array[Any]) -> int:
 
 
 def file_of(array: zarr.Array[Any], row: int) -> str:
-    """The file of an array that holds a row, below the folder of the array."""
+    """Path of the file that holds a row, relative to the folder of the array."""
     return array.metadata.encode_chunk_key((row // rows_a_file(array), *[0] * (array.ndim - 1)))
 
 
@@ -294,7 +294,7 @@ def view(array: zarr.Array[Any], rows: int) -> zarr.Array[Any]:
 
 
 def write(array: zarr.Array[Any], start: int, values: NDArray[Any]) -> None:
-    """Put rows behind `start`, and only then let the stored shape include them."""
+    """Writes rows from `start` on, and only then extends the stored shape."""
     end = start + len(values)
     view(array, end)[start:end] = values
     array.resize((end, *array.shape[1:]))

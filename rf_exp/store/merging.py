@@ -1,4 +1,4 @@
-"""Stores of one configuration with seeds of their own, as the one store that they are parts of."""
+"""Merging of stores of one configuration with different seeds into one store."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
@@ -11,13 +11,13 @@ from rf_exp.store.cards import card
 from rf_exp.store.layout import empty_like
 from rf_exp.store.store import Store
 
-PROVENANCE = ("commit", "versions")  # as when episodes are appended: those of who began
+PROVENANCE = ("commit", "versions")  # of the part with the first seeds, as in a store that is appended to
 
 
 def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
-    """(seed, store, index in it) of every episode, in the order of their seeds.
+    """(seed, store, index in it) of every episode, ordered by seed.
 
-    Raises StageError for stores that were made differently, or that hold one seed twice.
+    Raises StageError for stores of different configurations, and for a seed that occurs twice.
     """
     first = stores[0]
     for other in stores[1:]:
@@ -38,7 +38,7 @@ def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
 
 
 def merge(stores: Sequence[Store], to: Path, advance: Callable[[], object] = lambda: None) -> None:
-    """Writes the store `to`, whole, as if it had been made in one go: the same bytes; and its card beside it.
+    """Writes the store `to` atomically, with the same bytes as if made in one run, and its card beside it.
 
     `advance` is called after each episode. Raises StageError as `merge_order` does, and where `to` exists.
     """
@@ -56,7 +56,7 @@ def merge(stores: Sequence[Store], to: Path, advance: Callable[[], object] = lam
 
 
 def _compared(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """What stores that are merged share."""
+    """Attributes that must be equal in merged stores."""
     identity = {name: value for name, value in attributes["identity"].items() if name != "first_seed"}
     kept = {name: value for name, value in attributes.items() if name not in PROVENANCE}
     return {**kept, "identity": identity}

@@ -1,4 +1,4 @@
-"""A store: its episodes, each array over all of them, and adding more."""
+"""Store: reads episodes and whole arrays, and appends episodes."""
 
 import hashlib
 import json
@@ -32,17 +32,17 @@ class Store:
         self.attrs = attributes  # task, identity, versions of packages and criteria, control rate, sizes
         self.identity: dict[str, Any] = attributes["identity"]  # the configuration that made the data
         self.agents: int = attributes["agents"]
-        self.models = layout.models(attributes)  # what is known of the robot of each agent
+        self.models = layout.models(attributes)  # robot of each agent
         self.cameras: tuple[str, ...] = tuple(attributes["cameras"])
         self.objects: tuple[str, ...] = tuple(attributes["objects"])  # whose poses are kept
-        self.disturbed = bool(attributes.get("disturbed"))  # what was executed differs from what was intended
+        self.disturbed = bool(attributes.get("disturbed"))  # executed actions differ from intended ones
         self.description = Description.of(attributes)  # None in a store that was made without it
         self.extra_names = layout.extra_names(attributes)  # `depth_<camera>`, `segmentation_<camera>`
         self.episode_ends = np.zeros(0, np.int64)  # (E,) row after the last of each episode
         self.seeds = np.zeros(0, np.int64)  # (E,) scene seed of each episode
         self._group = group
-        self._kept: dict[str, NDArray[Any]] = {}  # arrays that were read, until there are more episodes
-        self._lock: int | None = None  # descriptor that holds the right to write
+        self._kept: dict[str, NDArray[Any]] = {}  # cached arrays, until an episode is appended
+        self._lock: int | None = None  # descriptor that holds the write lock
 
     @classmethod
     def create(
@@ -61,11 +61,11 @@ class Store:
         """A new, empty store, opened for writing.
 
         `identity` is the configuration that makes the data, as plain JSON values. Pictures are (height,
-        width, 3), 0 without cameras. `disturbed` demonstrations were executed otherwise than intended. With a
+        width, 3), 0 without cameras. `disturbed`: executed actions differ from intended ones. With a
         `description` the store also holds times, the conditions of success, depth and segmentation. Without
-        `robots` all are the usual one.
+        `robots` all agents have the default robot.
 
-        Raises StageError when `path` exists or the disk is full, ArgumentError where nothing can be made.
+        Raises StageError when `path` exists or the disk is full, ArgumentError where it cannot be written.
         """
         path, configuration = Path(path), plain(identity)
         if path.exists():
@@ -105,10 +105,10 @@ class Store:
     def open(
         cls, path: str | Path, identity: Mapping[str, object] | None = None, writable: bool = False
     ) -> Self:
-        """An existing store, checked: layout, shapes, types, ends, seeds, and that every file answers.
+        """Opens a store and checks layout, shapes, types, ends, seeds, and that every file can be read.
 
-        It must have been made by `identity`, if that is given. A writable one is locked, and rows of an
-        interrupted append are cut off. Raises StageError saying what is damaged or different, and what to do.
+        Its identity must equal `identity`, if given. A writable store is locked, and rows of an interrupted
+        append are cut off. Raises StageError saying what is damaged or different, and what to do.
         """
         path = Path(path)
         store = cls(path, *opened(path, "r+" if writable else "r"))
@@ -137,7 +137,7 @@ class Store:
             leftover.unlink()
 
     def append(self, episode: Episode) -> None:
-        """Store one more episode; when this returns it is there, when it raises it is not.
+        """Appends an episode: it is stored if this returns, and not stored if it raises.
 
         Raises StageError for one that does not fit, and when the disk is full.
         """
@@ -161,7 +161,7 @@ class Store:
         self.seeds = np.append(self.seeds, rows["meta/seed"])
         self._kept.clear()
         for name in ("images", "certificates"):
-            self.__dict__.pop(name, None)  # read again when asked for
+            self.__dict__.pop(name, None)  # cached properties: read again on demand
 
     def _rows_of(self, episode: Episode) -> dict[str, NDArray[Any]]:
         """Array name -> the rows that an episode adds, in the order of writing. Raises StageError."""
@@ -221,7 +221,7 @@ class Store:
             )
 
     def close(self) -> None:
-        """Give up the right to write; reading goes on."""
+        """Releases the write lock; reading remains possible."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -248,7 +248,7 @@ class Store:
         return np.split(values[: self.steps], self.episode_ends[:-1])
 
     def first(self, episodes: int) -> Self:
-        """The same store, for reading, as if it held its first episodes alone. Raises ArgumentError."""
+        """A read-only view of the first `episodes` episodes. Raises ArgumentError."""
         if not 0 <= episodes <= len(self):
             raise ArgumentError(f"{self.path} holds {len(self)} episodes; {episodes} were asked for")
         part = type(self)(self.path, self._group, self.attrs)
@@ -257,7 +257,7 @@ class Store:
 
     @property
     def extras(self) -> Extras:
-        """What is kept of the cameras beside pictures."""
+        """Whether depth and segmentation are stored."""
         said = self.description
         return Extras(said.depth, bool(said.labels)) if said else NO_EXTRAS
 
@@ -278,7 +278,7 @@ class Store:
 
     @property
     def executed(self) -> NDArray[np.float32]:
-        """(T, N, A) what the arms were told: `action`, unless the demonstrations were disturbed."""
+        """(T, N, A) executed commands: `action`, unless the demonstrations were disturbed."""
         return self._whole("executed") if self.disturbed else self.action
 
     @property
@@ -288,7 +288,7 @@ class Store:
 
     @property
     def subgoal(self) -> NDArray[np.int16]:
-        """(T, N) index of what each agent is about in its texts in the certificate; -1 is not known."""
+        """(T, N) current subgoal of each agent: index into its texts in the certificate; -1: unknown."""
         return self._whole("subgoal")
 
     @property

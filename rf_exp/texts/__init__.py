@@ -1,4 +1,4 @@
-"""Texts of others, fit to be shown: `plain` ones, and in `markdown`.
+"""Sanitising of untrusted text for display: `plain` text, and `markdown`.
 
 Relative imports: `rf_exp-client` packages these files under its own name.
 """

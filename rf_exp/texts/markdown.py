@@ -1,8 +1,8 @@
-"""Texts of others in Markdown: words, code and blocks that no reader of Markdown takes for markup.
+"""Escaping of untrusted text for Markdown: words, code and blocks that no Markdown reader takes for markup.
 
-Titles, reasons and answers are put into pages that GitHub, MkDocs and data hubs make HTML of. Each of these
-functions makes a `Markdown` of a text; templates of pages (`rf_exp.artifacts.rendered`) do so with every
-value that is none yet.
+Titles, reasons and answers are put into pages that GitHub, MkDocs and data hubs convert to HTML. Each of
+these functions makes a `Markdown` of a text; page templates (`rf_exp.artifacts.rendered`) do so with every
+value that is not one yet.
 """
 
 import re
@@ -12,7 +12,7 @@ from .plain import printable, shown
 
 LONGEST_TEXT = 4_000  # characters of one value on a page
 
-# Character references mean the same to all readers; of backslashes they do not agree which are escapes.
+# Readers agree on character references, but not on which backslashes are escapes.
 _SAID = {"<": "&lt;", "|": "\\|"}
 _MARKUP = re.compile(
     r"""(?P<anywhere>[\\`*~{@<|])
@@ -23,30 +23,30 @@ _MARKUP = re.compile(
     """,
     re.VERBOSE | re.IGNORECASE,
 )
-# What begins a heading, a quotation, an item, an underline, an admonition.
+# Beginnings of a heading, a quotation, a list item, an underline, an admonition.
 _BEGINNING = re.compile(r"\A(?:[#>=]|[-+:!?](?=[\s!?-]|\Z)|\d+[.)](?=\s|\Z))")
-# In a block: what could end its fence, and what would be markup to a reader that knows no fences.
+# In a block: text that could end its fence, or is markup to a reader without support for fences.
 _RISKY = re.compile(r"[<`~@]|//|\][(\[:]|^\s*$|^\s*(?:[#>*+=-]|\d+[.)])", re.MULTILINE)
 
 
 class Markdown(str):
-    """A text that is Markdown, and is put into a page as it is."""
+    """Markdown text, which is put into a page unescaped."""
 
     __slots__ = ()
 
 
 def text(value: object) -> Markdown:
-    """Words for a line of a paragraph, a heading or an item."""
+    """Escaped words for a line of a paragraph, a heading or a list item."""
     return Markdown(_BEGINNING.sub(_reference, cell(value)))
 
 
 def cell(value: object) -> Markdown:
-    """Words within a line, of a cell of a table for instance."""
+    """Escaped words within a line, for instance in a table cell."""
     return Markdown(_MARKUP.sub(_reference, printable(value, LONGEST_TEXT)))
 
 
 def code(value: object) -> Markdown:
-    """Code within a line or a cell."""
+    """Code within a line or a table cell."""
     line = printable(value, LONGEST_TEXT)
     if not line:
         return Markdown("")
@@ -54,10 +54,10 @@ def code(value: object) -> Markdown:
 
 
 def block(value: str, language: str = "") -> Markdown:
-    """Lines of code: of a language in a fence, unless something in them could end it; else indented.
+    """A code block: fenced, with its language, unless its lines could end the fence; else indented.
 
-    Nothing can end that, and every reader of Markdown knows it. The comment ends a list, of whose last item
-    it would be a part.
+    Nothing can end an indented block, and every Markdown reader supports it. The comment ends a preceding
+    list, which would otherwise absorb the block.
     """
     lines = shown(value).rstrip("\n")
     if not language or _RISKY.search(lines):
@@ -72,6 +72,6 @@ def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> Markdown:
 
 
 def _reference(found: re.Match[str]) -> str:
-    """What is written in the place of a part that would be markup."""
+    """Replacement for a part that would be markup."""
     part = found[0]
     return _SAID.get(part, f"{part[:-1]}&#{ord(part[-1])};")

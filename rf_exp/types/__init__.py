@@ -1,4 +1,4 @@
-"""The values that flow between the stages. Frozen, without behaviour beyond derived numbers.
+"""Values passed between the stages: frozen, without behaviour beyond derived numbers.
 
 Agents are numbered from 1 as in the paper (Agent_1); arrays over agents have agent k at index
 k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control steps at 20 Hz.

@@ -1,4 +1,4 @@
-"""What is chosen for an experiment: constraints, architecture, cameras, and what a scene looks like."""
+"""Choices of an experiment: constraints, architecture, cameras, and the appearance of the scene."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,19 +6,19 @@ from typing import Literal, get_args
 
 from rf_exp.errors import ArgumentError, choices
 
-SEEN_PX = 240  # height in which people see what happens; policies need less
-SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes of the largest ones take gigabytes
-UNVARIED = "none"  # scenes that differ by where things start, and a little in light and colour
+SEEN_PX = 240  # smallest height of pictures for people; policies need less
+SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes with the largest ones take gigabytes
+UNVARIED = "none"  # scenes differ by start poses of objects, and a little in light and colour
 Kind = Literal["logical", "temporal", "spatial"]
 CameraChoice = Literal["all", "global", "local"]
-Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
+Occupancy = Literal["state", "depth"]  # source of the scene for spatial constraints: poses, or cameras
 
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is).
+    """A row of the paper's ablation: the kinds of constraints that are on (DESIGN: logical always is).
 
-    All of them for who names no row: the library has no configuration.
+    By default all of them: the library has no configuration.
     """
 
     name: str
@@ -39,21 +39,24 @@ class Arch:
     name: str
     shared_policy: bool
     global_view: bool
-    coordinated: bool = False  # told by RoboBrain and RoboChecker who is at which subgoal, and who waits
-    both_views: bool = False  # the other view as well: a separate policy with the own and the global camera
+    coordinated: bool = False  # RoboBrain and RoboChecker give each agent's subgoal and whether it waits
+    both_views: bool = False  # a separate policy with the own and the global camera
 
 
-FOREIGN = Arch("foreign", shared_policy=True, global_view=True)  # of a policy that is somebody else's
+FOREIGN = Arch("foreign", shared_policy=True, global_view=True)  # of policies not trained by this suite
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the cameras take: size in pixels, or nothing at all. Raises ArgumentError for other sizes."""
+    """Pictures of the cameras: size in pixels, or none at all.
+
+    Raises ArgumentError for a size out of bounds or an unknown choice of cameras.
+    """
 
     width: int
     height: int
     render: bool
-    cameras: CameraChoice  # those whose pictures demonstrations hold: local is those of the agents
+    cameras: CameraChoice  # recorded in demonstrations; local: the cameras of the agents
 
     def __post_init__(self) -> None:
         if self.cameras not in get_args(CameraChoice):
@@ -65,28 +68,28 @@ class Pictures:
 
     @property
     def enlarged(self) -> "Pictures":
-        """The same for people: at least `SEEN_PX` high."""
+        """The same, enlarged for people: at least `SEEN_PX` high."""
         if self.height >= SEEN_PX:
             return self
         return replace(self, width=min(LARGEST_PX, self.width * SEEN_PX // self.height), height=SEEN_PX)
 
     def of(self, agents: int) -> tuple[str, ...]:
-        """The names of the cameras for so many agents."""
+        """The names of the cameras for a number of agents; empty without rendering."""
         return camera_names(self.cameras, agents) if self.render else ()
 
 
-NO_PICTURES = Pictures(SMALLEST_PX, SMALLEST_PX, render=False, cameras="all")  # the size is of nothing
+NO_PICTURES = Pictures(SMALLEST_PX, SMALLEST_PX, render=False, cameras="all")  # the size is unused
 
 
 def camera_names(chosen: CameraChoice, agents: int) -> tuple[str, ...]:
-    """The names of the cameras that are chosen, for so many agents."""
+    """The names of the chosen cameras for a number of agents."""
     local = tuple(f"agent{k}" for k in range(1, agents + 1))
     return {"all": ("global", *local), "global": ("global",), "local": local}[chosen]
 
 
 @dataclass(frozen=True)
 class Extras:
-    """What demonstrations hold of the cameras beside pictures."""
+    """Camera data that demonstrations hold besides pictures."""
 
     depth: bool
     segmentation: bool
@@ -97,7 +100,7 @@ NO_EXTRAS = Extras(depth=False, segmentation=False)
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Bounds on every joint of motion that is meant; disturbances add to what is executed."""
+    """Bounds on every joint in planned motion; disturbances add to the executed motion."""
 
     velocity_rad_s: float
     acceleration_rad_s2: float
@@ -108,17 +111,17 @@ class JointLimits:
                 raise ArgumentError(f"limits.{name} is {getattr(self, name)}; it must be positive and finite")
 
 
-# what a scene looks like
+# appearance of a scene
 
 Rgb = tuple[float, float, float]  # linear
 TextureKind = Literal["wood", "tile", "cloth", "noise", "stripes"]
-TextureSet = Literal["seen", "unseen"]  # for demonstrations, for evaluation: no palette of a kind is in both
-MOST_LAMPS = 3  # directional ones that a scene of SAPIEN has room for
+TextureSet = Literal["seen", "unseen"]  # of demonstrations, of evaluation: no palette of a kind is in both
+MOST_LAMPS = 3  # directional lights that a SAPIEN scene supports
 
 
 @dataclass(frozen=True)
 class Texture:
-    """A picture that repeats over a surface, described; its pixels are made where scenes are drawn.
+    """Description of a picture that repeats over a surface; the simulator generates its pixels.
 
     Raises ArgumentError for a kind or set that does not exist and for a size that is not positive.
     """
@@ -138,11 +141,11 @@ class Texture:
 
 @dataclass(frozen=True)
 class Finish:
-    """What covers a surface. What is None stays as the thing has it."""
+    """Appearance of a surface. None keeps the object's own value."""
 
-    colour: Rgb | None = None  # in [0, 1]; what a texture is drawn in, white unless given
+    colour: Rgb | None = None  # in [0, 1]; multiplies the texture, white by default
     texture: Texture | None = None
-    roughness: float | None = None  # 0 mirrors the lamps, 1 is matt
+    roughness: float | None = None  # 0: mirror, 1: matt
 
     def __post_init__(self) -> None:
         for name, values in (("colour", self.colour or ()), ("roughness", (self.roughness or 0.0,))):
@@ -155,7 +158,7 @@ BARE = Finish()
 
 @dataclass(frozen=True)
 class Look:
-    """What covers the table top and the room around it; as they come unless given."""
+    """Finishes of table top, floor and walls; by default unchanged."""
 
     table: Finish = BARE
     floor: Finish = BARE
@@ -164,9 +167,9 @@ class Look:
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp so far away that its light comes from one direction."""
+    """Directional light."""
 
-    direction: tuple[float, float, float]  # of its light in the world, of any length
+    direction: tuple[float, float, float]  # in which the light travels, world frame, of any length
     colour: Rgb  # irradiance; may exceed 1
 
     def __post_init__(self) -> None:
@@ -176,9 +179,9 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Light:
-    """The lamps of a scene, and light from everywhere. Nothing casts a shadow.
+    """Directional and ambient light of a scene. Nothing casts a shadow.
 
-    Raises ArgumentError for more lamps than can be drawn.
+    Raises ArgumentError for more than MOST_LAMPS lamps.
     """
 
     ambient: Rgb = (0.3, 0.3, 0.3)
@@ -192,7 +195,7 @@ class Light:
             raise ArgumentError(f"{len(self.lamps)} lamps; expected {MOST_LAMPS} at most")
 
     def brighter(self, factor: float) -> "Light":
-        """All of it so many times as bright."""
+        """The same light, brighter by a factor."""
 
         def times(colour: Rgb) -> Rgb:
             red, green, blue = colour

@@ -1,4 +1,4 @@
-"""What arms are to do, and when: subgoals, segments, trajectories, schedules."""
+"""Plans of arms and their timing: subgoals, segments, trajectories, schedules."""
 
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from rf_exp.findings import Doing
 
-ANYBODY = 0  # in the place of the number of an agent
+ANYBODY = 0  # in place of an agent's number: any agent
 
 
 @dataclass(frozen=True)
 class Subgoal:
     """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
 
-    agent: int  # from 1; ANYBODY: who is chosen when it is planned
+    agent: int  # from 1; ANYBODY: chosen by the planner
     verb: str  # grasp lift carry place strike press shut release home aside hold
     object: str | None = None
     point: str | None = None  # interaction point of `object`
@@ -27,7 +27,7 @@ class Subgoal:
 
     @property
     def names(self) -> frozenset[str]:
-        """What it is about: objects, or a named place."""
+        """Names of its object and its target, which may be a named place."""
         return frozenset(name for name in (self.object, self.target) if name is not None)
 
     @property
@@ -36,7 +36,7 @@ class Subgoal:
 
     @property
     def what(self) -> str:
-        """Its text without how far."""
+        """Its text without the height."""
         words = [self.verb]
         words += [self.object] if self.object else []
         words += ["at", self.point] if self.point else []
@@ -52,39 +52,39 @@ def what_of(text: str) -> str:
 
 @dataclass(frozen=True)
 class Segment:
-    """One rest-to-rest motion of one agent on the control grid, made by one motion primitive.
+    """One rest-to-rest motion of one agent on the control grid, planned by one motion primitive.
 
-    The arm stands still at both ends, so a schedule may wait between segments, never inside.
+    The arm is at rest at both ends, so a schedule may wait between segments, never inside.
     """
 
     agent: int
     subgoal: Subgoal
     primitive: str  # move approach close lift carry lower open retreat press strike shut
-    qpos: NDArray[np.float64]  # (T, dof) rad: the target at each control step; the start is not in it
+    qpos: NDArray[np.float64]  # (T, dof) rad: the target at each control step, without the start
     gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
     attached: str | None = None  # object that moves with the gripper
     tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of the attached object
     touches: frozenset[str] = frozenset()  # objects the gripper may touch here
     joined: str | None = None  # segments of several agents with one label run in lockstep
-    opened_rad: NDArray[np.float64] | None = None  # (T,) of an attached thing that turns about its hinge
+    opened_rad: NDArray[np.float64] | None = None  # (T,) hinge angle of an attached object that is pushed
 
     def __len__(self) -> int:
         return len(self.qpos)
 
     @property
     def gripped(self) -> str | None:
-        """What is attached, unless it is only pushed."""
+        """The attached object, unless it is only pushed."""
         return self.attached if self.opened_rad is None else None
 
     @property
     def about(self) -> frozenset[str]:
-        """What the agent has to do with here: objects, or a named place."""
+        """Names of the objects and of the named place that the segment involves."""
         return self.touches | self.subgoal.names
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """All segments of one agent for one proposal, from where it stands now."""
+    """All segments of one agent for one proposal, from its present configuration."""
 
     agent: int
     start_qpos: NDArray[np.float64]  # (dof,) rad
@@ -93,7 +93,7 @@ class Trajectory:
 
     @cached_property
     def knots(self) -> tuple[int, ...]:
-        """Path positions at which the arm stands still: 0, then the end of each segment."""
+        """Path positions at which the arm is at rest: 0, then the end of each segment."""
         return tuple(np.cumsum([0, *map(len, self.segments)]).tolist())
 
     def __len__(self) -> int:
@@ -105,10 +105,10 @@ class Trajectory:
         return zip(self.segments, self.knots[:-1], self.knots[1:], strict=True)
 
     def segment_at(self, position: int) -> Segment | None:
-        """The segment that ends at or after a path position, beyond all the last; None without segments."""
+        """The first segment that ends at or after a path position, else the last; None without segments."""
         if not self.segments:
             return None
-        # For every arm in every control step: an array of so few knots would take ten times as long.
+        # Called for every arm in every control step: NumPy takes ten times as long for so few knots.
         return self.segments[min(bisect_left(self.knots, position, 1) - 1, len(self.segments) - 1)]
 
     def path(self) -> NDArray[np.float64]:
@@ -120,17 +120,17 @@ class Trajectory:
         start = np.append(self.start_qpos, self.start_gripper)[None]
         rows = [np.column_stack([s.qpos, s.gripper]) for s in self.segments]
         path = np.concatenate([start, *rows])
-        path.flags.writeable = False  # it is everybody's
+        path.flags.writeable = False  # shared between callers
         return path
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """When each agent is where on its path. Column k - 1 belongs to agent k."""
+    """Path positions of all agents over time. Column k - 1 belongs to agent k."""
 
     positions: NDArray[np.int64]  # (T + 1, N) path position at each control step; row 0 is zeros
     makespan_bound: int  # proven lower bound on T, control steps
-    # (T + 1, N) who stays in the step that leads here though nobody is in its way; None: nobody ever does
+    # (T + 1, N) the agent stays in the step that leads to this row though its way is free; None: never
     hesitates: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
@@ -139,23 +139,23 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Span:
-    """A segment on the control steps of a schedule."""
+    """Control steps of a segment in a schedule."""
 
     segment: Segment
-    begins: int  # the step after which the arm leaves where the segment begins
-    ends: int  # the step after which it is where the segment ends
+    begins: int  # the last step after which the arm is still at the start of the segment
+    ends: int  # the first step after which it is at the end of the segment
 
 
 @dataclass(frozen=True)
 class Activity:
-    """What an agent does in a control step of a schedule."""
+    """Activity of an agent in a control step of a schedule."""
 
-    segment: Segment | None  # it is in, or waits for; None: it is done
+    segment: Segment | None  # that it executes or waits for; None: it is done
     moves: bool
 
 
 def spans(trajectory: Trajectory, schedule: Schedule) -> tuple[Span, ...]:
-    """The segments of an agent, in their order."""
+    """The spans of an agent's segments, in order."""
     positions = schedule.positions[:, trajectory.agent - 1]
     begins = np.searchsorted(positions, trajectory.knots[:-1], side="right") - 1
     ends = np.searchsorted(positions, trajectory.knots[1:])
@@ -163,9 +163,9 @@ def spans(trajectory: Trajectory, schedule: Schedule) -> tuple[Span, ...]:
 
 
 def activity(trajectory: Trajectory, schedule: Schedule, step: int) -> Activity:
-    """What an agent does in a step of a schedule, the first being 1; after its end nobody moves.
+    """The activity of an agent in a step of a schedule, counted from 1; after its end no agent moves.
 
-    Who stands at the end of one segment waits for the next.
+    An agent at the end of one segment waits for the next.
     """
     last = min(step, len(schedule))
     before, now = schedule.positions[[last - 1, last], trajectory.agent - 1].tolist()
@@ -176,5 +176,5 @@ def activity(trajectory: Trajectory, schedule: Schedule, step: int) -> Activity:
 
 
 def doing(segment: Segment | None, along_s: float | None = None) -> Doing | None:
-    """What an agent is about in a segment, and for how long it has been on its way."""
+    """The subgoal and primitive of a segment, with `along_s` as given; None without a segment."""
     return None if segment is None else Doing(segment.subgoal.text, segment.primitive, along_s)

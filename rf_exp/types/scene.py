@@ -1,4 +1,4 @@
-"""What is measured at one control step, what the success criteria say of it, and all steps of an episode."""
+"""Measured scene of a control step, its verdict by the success criteria, episodes and rollouts."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,18 +13,18 @@ from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
 CONTROL_DT_S = 1.0 / CONTROL_HZ
-ARM_JOINTS = 7  # that policies take; everybody else asks the robots of a task
+ARM_JOINTS = 7  # of arms that policies support; all other code asks the robots of a task
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
 
-# Streams of random numbers of an episode: `default_rng([seed, STREAM, ...])`. Each serves one thing; faults
-# of a brain are drawn where disturbances are. NumPy fills a seed up with zeros: who draws from
-# `[seed, STREAM]` and from `[seed, STREAM, 0]` draws the same numbers twice. Further numbers begin at 1 then.
+# Random streams of an episode: `default_rng([seed, STREAM, ...])`, one for each purpose; faults of a brain
+# share the stream of disturbances. NumPy pads a seed with zeros, so `[seed, STREAM]` and `[seed, STREAM, 0]`
+# are the same stream: where the former is in use, further numbers begin at 1.
 SCENE, PLANNING, DISTURBANCES, CORRECTION, PIXELS, FLICKER, VARIATION, PROPOSALS = range(8)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything measured at one control step. The world model of planners and checkers."""
+    """All measurements of one control step. The world model of planners and checkers."""
 
     step: int
     qpos: NDArray[np.float64]  # (N, D) rad for the arm, metres for the two fingers, which are the last
@@ -33,18 +33,18 @@ class Scene:
     speeds: Mapping[str, float]  # object -> linear speed, m/s
     held: tuple[str | None, ...]  # (N,) object pinched between the fingers of each agent
     finger_forces: Mapping[tuple[int, str], NDArray[np.float64]] = field(default_factory=dict)
-    # (agent, object) -> (3,) N, with which the fingers of the agent push the object, world frame
+    # (agent, object) -> (3,) N force of the agent's fingers on the object, world frame
     arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
-    seen: NDArray[np.int64] | None = None  # (K, 3) voxels that the depth cameras see occupied, if they looked
+    seen: NDArray[np.int64] | None = None  # (K, 3) voxels occupied in depth pictures; None: not measured
     clutter: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     # piece of clutter -> world_from_object (4, 4)
     clutter_contacts: tuple[tuple[str, str, float], ...] = ()  # (agent<k> or object, piece, force N)
-    # (N, dof) by which joints are measured beside where they are. Who acts does not know it.
+    # (N, dof) measured less true joint positions; unknown to planners and policies
     joint_offset_rad: NDArray[np.float64] | None = None
 
     @property
     def true(self) -> "Scene":
-        """The scene with the joints as they are: what judges see."""
+        """The scene with the true joint positions, for judging success and contacts."""
         if self.joint_offset_rad is None:
             return self
         qpos = self.qpos.copy()
@@ -53,13 +53,13 @@ class Scene:
 
     @property
     def time_s(self) -> float:
-        """Since the start of the episode."""
+        """Time since the start of the episode."""
         return self.step * CONTROL_DT_S
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera: square pixels, principal point in the middle."""
+    """Pinhole camera: square pixels, principal point in the centre."""
 
     width_px: int
     height_px: int
@@ -75,14 +75,14 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Where arms and cameras stand, as far as that has been measured."""
+    """Calibrated poses of arm bases and cameras, as far as they have been measured."""
 
     world_from_base: tuple[Matrix, ...]  # (4, 4) of each arm
     cameras: Mapping[str, CameraModel]
 
 
 class World(Protocol):
-    """What a rollout and the generation loop need of an environment (given by `rf_exp.sim`)."""
+    """Environment as rollouts and the generation loop need it (implemented by `rf_exp.sim`)."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -96,15 +96,15 @@ class World(Protocol):
         ...
 
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
-        """Camera -> (H, W, 3) of the present step; of these cameras, or of all."""
+        """Camera -> (H, W, 3) of the present step; None: of all cameras."""
         ...
 
 
 class SeeingWorld(World, Protocol):
-    """A world that can also be measured by its cameras, which the generation loop may ask for."""
+    """World that its cameras can also measure, which the generation loop may require."""
 
     def depth(self) -> dict[str, NDArray[np.float32]]:
-        """Camera -> (H, W) metres along the viewing direction at the present step; 0 is nothing."""
+        """Camera -> (H, W) metres along the viewing direction at the present step; 0 for no surface."""
         ...
 
     def camera_models(self) -> dict[str, CameraModel]:
@@ -112,47 +112,47 @@ class SeeingWorld(World, Protocol):
         ...
 
 
-# What lies where in the rows that tell of an arm. A row of measured joints (..., D) ends with the two fingers
-# in m, a row of a command (..., D - 1) with the gripper, from -1 closed to 1 open. What lies before is of the
-# arm, in rad. Robots with fewer joints than another one of their task have zeros behind their own.
+# Layout of the rows of an arm. A row of measured joints (..., D) ends with the two fingers in m, a row of a
+# command (..., D - 1) with the gripper, from -1 closed to 1 open. Before these are the arm joints in rad,
+# padded with zeros for robots with fewer joints than another one of their task.
 
-FINGERS = 2  # of a hand
+FINGERS = 2  # of a gripper
 
 Number = TypeVar("Number", bound=np.generic)
 
 
 def joints_of(qpos: NDArray[Number]) -> NDArray[Number]:
-    """(..., D - 2) of the arm, of measured joints (..., D)."""
+    """(..., D - 2) arm joints of measured joints (..., D)."""
     return qpos[..., :-FINGERS]
 
 
 def fingers_of(qpos: NDArray[Number]) -> NDArray[Number]:
-    """(..., 2) m from the middle, of measured joints (..., D)."""
+    """(..., 2) finger positions, m from the centre, of measured joints (..., D)."""
     return qpos[..., -FINGERS:]
 
 
 def arm_of(action: NDArray[Number]) -> NDArray[Number]:
-    """(..., A - 1) joint targets of the arm, of commands (..., A)."""
+    """(..., A - 1) joint targets of commands (..., A)."""
     return action[..., :-1]
 
 
 def gripper_of(action: NDArray[Number]) -> NDArray[Number]:
-    """(...) from -1 closed to 1 open, of commands (..., A)."""
+    """(...) gripper of commands (..., A), from -1 closed to 1 open."""
     return action[..., -1]
 
 
 def narrowed(rows: NDArray[Number], joints: int, hand: int) -> NDArray[Number]:
-    """(..., joints + hand) of an arm with so many joints, of rows (..., D) of a task with more."""
+    """(..., joints + hand) rows of one arm without the padding of its task's rows (..., D)."""
     if rows.shape[-1] == joints + hand:
         return rows
     return np.concatenate([rows[..., :joints], rows[..., -hand:]], axis=-1)
 
 
-# how far a task is done
+# progress of a task
 
 
-class Measured(NamedTuple):  # a frozen dataclass takes three times as long, many times a control step
-    """A number against its bound; as a condition of success it is as true as `holds`."""
+class Measured(NamedTuple):  # created many times a control step; a frozen dataclass takes three times as long
+    """Number with its bound; as a condition of success it has the truth value of `holds`."""
 
     holds: bool
     value: float
@@ -169,31 +169,31 @@ class Measured(NamedTuple):  # a frozen dataclass takes three times as long, man
 
 
 Condition = bool | Measured  # of success
-UNITS = ("", "m", "m/s", "deg", "rad", "s", "N", "kg")  # that a `Measured` may have
+UNITS = ("", "m", "m/s", "deg", "rad", "s", "N", "kg")  # possible units of a `Measured`
 
 
-class Verdict(NamedTuple):  # as above
-    """What the success criteria say about one step."""
+class Verdict(NamedTuple):  # for speed, as above
+    """Verdict of the success criteria on one step."""
 
-    success: bool  # strict, held long enough
+    success: bool  # strict criterion, held long enough
     success_paper: bool
     evidence: Mapping[str, bool]  # named condition -> holds now
-    measured: Mapping[str, Measured] = MappingProxyType({})  # the numbers of those that have one
+    measured: Mapping[str, Measured] = MappingProxyType({})  # conditions with a number
     lost: Mapping[str, str] = MappingProxyType({})  # object -> dropped | out of reach | off the table
 
 
 @dataclass(frozen=True)
 class Judged:
-    """How far each of C conditions of success was met. Row t is what action t has led to."""
+    """Values of C conditions of success over an episode. Row t is the result of action t."""
 
     names: tuple[str, ...]
-    value: NDArray[np.float32]  # (T, C) 1 or 0 where a condition is a mere yes or no
-    bound: NDArray[np.float32]  # (T, C) against which the value is held
-    unit: NDArray[np.uint8]  # (T, C) of both, an index of UNITS: a condition may have several sides
+    value: NDArray[np.float32]  # (T, C) 1 or 0 for a condition without a number
+    bound: NDArray[np.float32]  # (T, C) of the value
+    unit: NDArray[np.uint8]  # (T, C) of both, an index into UNITS; may vary if a condition has several parts
     holds: NDArray[np.bool_]  # (T, C)
 
 
-# what was done: a demonstration, or the rollout of a policy
+# executed episodes: demonstrations, and rollouts of policies
 
 
 @dataclass(frozen=True)
@@ -207,60 +207,60 @@ class Episode:
     action: NDArray[np.float32]  # (T, N, A) joint targets rad + gripper command, as intended
     images: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
     certificate: Mapping[str, object] = field(default_factory=dict)  # JSON: checks and results, subgoals
-    executed: NDArray[np.float32] | None = None  # (T, N, A) what the arms were told; None: `action`
+    executed: NDArray[np.float32] | None = None  # (T, N, A) commands sent to the arms; None: `action`
     poses: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     # object -> (T, 7) position in m and quaternion w, x, y, z, world frame
-    subgoal: NDArray[np.int16] | None = None  # (T, N) each agent's, an index of certificate["subgoals"]
+    subgoal: NDArray[np.int16] | None = None  # (T, N) index into certificate["subgoals"]
     judged: Judged | None = None
     extras: Mapping[str, NDArray] = field(default_factory=dict)
-    # depth_<camera> -> (T, H, W) u16 mm, segmentation_<camera> -> (T, H, W) u8; those that were asked for
+    # depth_<camera> -> (T, H, W) u16 mm, segmentation_<camera> -> (T, H, W) u8; as requested
 
     @property
     def commanded(self) -> NDArray[np.float32]:
-        """(T, N, A) what the arms were told: played again from the seed, it gives this episode again."""
+        """(T, N, A) commands sent to the arms; replayed from the seed, they reproduce the episode."""
         return self.action if self.executed is None else self.executed
 
 
 @dataclass(frozen=True)
 class KeypointDetection:
-    """A keypoint in a picture, detected by a policy: where an agent will be, or where another one is."""
+    """Keypoint that a policy detected in a picture: a future place of an agent, or another agent's place."""
 
     camera: str
     agent: int
     x: float  # to the right, from 0 to 1 over the picture
-    y: float  # down
-    is_next: bool  # whether it is where this agent goes next
+    y: float  # down, likewise
+    is_next: bool  # whether the agent goes there next
 
 
 @dataclass(frozen=True)
 class RolloutStep:
-    """One control step of a rollout, as its observers are told of it."""
+    """One control step of a rollout, as passed to its observers."""
 
     scene: Scene  # after the step
     action: NDArray[np.float64]  # (N, A) as commanded: joint targets rad + gripper command
     predicted: Mapping[int, NDArray[np.float64]]  # agent -> (T, A) targets from this step on
     verdict: Verdict
-    violation: Violation | None  # seen by the monitor
-    withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one
-    detections: tuple[KeypointDetection, ...] = ()  # in the pictures that policies looked at last
-    # agent -> the number of its subgoal and whether it may go on, as its policy said at its last prediction
+    violation: Violation | None  # found by the monitor
+    withheld: Mapping[int, str] | None = None  # agent -> why the shield withheld its command; None: no shield
+    detections: tuple[KeypointDetection, ...] = ()  # in the pictures of the last prediction
+    # agent -> (index of its subgoal, whether it may go on), by the last prediction of its policy
     phases: Mapping[int, tuple[int, bool]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """What happened when a policy acted in one scene."""
+    """Outcome of a policy in one scene."""
 
     seed: int
     success: bool
     success_paper: bool
     steps: int
-    violations: int  # control steps with a violation, seen by the monitor
+    violations: int  # control steps with a violation, found by the monitor
     contacts: int  # control steps in which arms touched each other
-    account: Account = field(default_factory=Account)  # arms that touched, violations seen, what failed
-    interventions: int = 0  # control steps in which a shield kept an agent from its command
+    account: Account = field(default_factory=Account)  # contacts, violations, unmet conditions
+    interventions: int = 0  # control steps in which the shield withheld a command
 
     @property
     def reason(self) -> str:
-        """Why it failed, in words; empty for a success."""
+        """Reason for a failure, in words; empty for a success."""
         return "" if self.success else self.account.reason

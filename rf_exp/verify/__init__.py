@@ -1,4 +1,4 @@
-"""Published rows of demonstrations, made again: whether they come out as they are told."""
+"""Verification of published rows of demonstrations: generates them again and compares the results."""
 
 import subprocess
 import sys
@@ -10,16 +10,16 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.tasks import ASSETS, CAMERAS, parted, unmarked
 from rf_exp.texts import one_line
 
-EXPERIMENTS = ("ablation",)  # whose rows lie in a folder of that name
+EXPERIMENTS = ("ablation",)  # experiments whose rows lie in a folder of that name
 COMPARED = ("success", "success_paper", "steps", "attempts", "violations", "contacts")
-FEW = {"workers": 1, "render": "false", "recordings": 0, "wandb": "disabled"}  # which changes no row
+FEW = {"workers": 1, "render": "false", "recordings": 0, "wandb": "disabled"}  # these change no row
 
 
 def published(path: Path, seeds: int) -> tuple[GenerationRow, ...]:
-    """The first rows of a published file.
+    """The first `seeds` rows of a published file.
 
-    Raises ArgumentError for rows of policies, whose weights are not published, and of a model's plans, where
-    there is no file, and for fewer than one row.
+    Raises ArgumentError for rows of policies, whose weights are not published, for rows of a brain other than
+    `scripted`, for a missing file, and for fewer than one row.
     """
     if seeds < 1:
         raise ArgumentError(f"--seeds is {seeds}; expected 1 or more")
@@ -43,9 +43,9 @@ def published(path: Path, seeds: int) -> tuple[GenerationRow, ...]:
 def made_again(
     rows: Sequence[GenerationRow], out: Path, experiment: str | None = None
 ) -> tuple[GenerationRow, ...]:
-    """The same seeds in a process of their own, of an experiment that has scenes of its own.
+    """Generates the same seeds in a new process; `experiment` is one with scenes of its own.
 
-    Raises ArgumentError for scenes with assets of others, StageError where that fails.
+    Raises ArgumentError for scenes with the release's assets, StageError where generation fails.
     """
     row = rows[0]
     name, marks = unmarked(row.task)
@@ -64,13 +64,13 @@ def made_again(
     command += [f"{key}={value}" for key, value in asked.items()]
     done = subprocess.run(command, capture_output=True, text=True)
     files = sorted((out / "results" / "generate" / row.task).glob("*.jsonl"))
-    if done.returncode and not files:  # where no seed succeeds there are rows all the same
+    if done.returncode and not files:  # there are rows even where no seed succeeds
         raise StageError(one_line(done.stderr.strip().rpartition("\n")[2] or "the run said nothing"))
     return read_rows(files[0], GenerationRow)
 
 
 def differences(rows: Sequence[GenerationRow], again: Sequence[GenerationRow]) -> Iterator[str]:
-    """What came out otherwise than told, seed by seed."""
+    """Differences between published and regenerated rows, seed by seed."""
     found = {row.seed: row for row in again}
     for row in rows:
         if (other := found.get(row.seed)) is None:

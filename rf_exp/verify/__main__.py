@@ -1,11 +1,11 @@
-"""Published rows of demonstrations, made again: whether ten of each file come out as they are told.
+"""Verify published rows of demonstrations: generate ten of each file again and compare the results.
 
 python -m rf_exp.verify results/expert/lift_barrier.tsv
 python -m rf_exp.verify results/ablation/take_photo/*.tsv --seeds 20
 
-Success by both criteria, steps, attempts, violations and contacts are compared. What differs is told with
-both values, and the command then ends with 1. The same code makes the same rows; another version of the
-generator may plan otherwise, and another kind of processor may differ in the last bit of a number.
+Success by both criteria, steps, attempts, violations and contacts are compared. Differences are printed with
+both values, and the exit code is then 1. The same code makes the same rows; another version of the generator
+may plan differently, and another kind of processor may differ in the last bit of a number.
 """
 
 import argparse

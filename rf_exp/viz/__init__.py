@@ -1,9 +1,8 @@
 """Rerun recordings of generation and rollouts, figures, films and texts. Nothing else imports rerun.
 
-One `Recorder` writes one file that `rerun FILE` opens well laid out: the layout (blueprint) is in
-the file. All geometry is handed in as arrays; world frame, metres, radians. What the entities are
-called and how to look at a file: docs/recordings.md. `figures` draws schedules, `frames` lays pictures out
-with words, `text` says things in Markdown.
+A `Recorder` writes one file for `rerun FILE`, with its layout (blueprint). Geometry is passed as arrays;
+world frame, metres, radians. Entity names and how to view a file: docs/recordings.md. `figures` draws
+schedules, `frames` composes pictures with text, `text` formats results as Markdown.
 """
 
 import lazy_loader

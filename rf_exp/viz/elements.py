@@ -1,4 +1,4 @@
-"""Our values as rerun shows them; normals and colours from plain triangles and linear light."""
+"""Conversion of our values to rerun's, with vertex normals and sRGB colours of meshes."""
 
 import re
 from collections.abc import Iterable
@@ -16,8 +16,8 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, CameraModel
 
 CREASE_DEG = 40.0  # faces that meet at more than this keep a sharp edge
-FRUSTUM_M = 0.07  # length of the drawn cameras
-PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
+FRUSTUM_M = 0.07  # length of the camera frustums
+PREDICTED_PX = 1.5  # size of the dots of predicted values
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Mesh:
 
 
 def mesh3d(entity: str, mesh: Mesh) -> rr.Mesh3D:
-    """A mesh as it is shown. Errors name the entity."""
+    """The mesh for rerun. Raises ArgumentError naming the entity."""
     count = len(mesh.vertices)
     expect(f"vertices of {entity!r}", mesh.vertices, (count, 3))
     expect(f"faces of {entity!r}", mesh.faces, (len(mesh.faces), 3))
@@ -81,7 +81,7 @@ def creased(
 
 
 def expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | None = None) -> None:
-    """Raise ArgumentError naming `name` unless `value` is an array of that shape, type and finite."""
+    """Raise ArgumentError naming `name` unless `value` is a finite array of that shape and type."""
     array = np.asarray(value)
     if array.shape != shape:
         found = "x".join(map(str, array.shape)) or "of one number"
@@ -93,13 +93,13 @@ def expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | N
 
 
 def opening_mm(robot: Robot, target: NDArray[np.floating]) -> float:
-    """Between the fingers, for a commanded target (A,)."""
+    """Distance between the fingers for a commanded target (A,)."""
     open_mm = 1000.0 * FINGERS * robot.hand.open_m
     return open_mm * float(target[-1] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
 
 
 def lane(code: str) -> str:
-    """Check code or a condition as an entity path shows it without escapes."""
+    """Check code or a condition as part of an entity path, without characters that need escapes."""
     return re.sub(r"\W+", "-", code).strip("-")
 
 
@@ -123,7 +123,7 @@ def lines(colours: Iterable[tuple[int, ...]], names: list[str], width: int) -> r
 
 
 def dots(colours: Iterable[tuple[int, ...]], names: list[str]) -> rr.SeriesPoints:
-    """The style of curves of which only the points are drawn."""
+    """The style of curves drawn as points only."""
     return rr.SeriesPoints(
         colors=list(colours),
         names=names,

@@ -1,4 +1,4 @@
-"""Plans as pictures: who does what when, and how a schedule leads through coordination diagrams."""
+"""Figures of plans: the timeline of the agents' motions, and coordination diagrams with the schedule."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ DPI = 150
 TILE_IN = 2.9  # side of one coordination diagram
 LEGEND_IN = 0.35
 COLUMNS = 3
-WIDTH_IN, LANE_IN = 10.0, 0.5  # of the picture of lanes
-LETTERS = 170  # of subgoals, that fit along a lane
+WIDTH_IN, LANE_IN = 10.0, 0.5  # width of the timeline, height of a lane
+LETTERS = 170  # characters of subgoals that fit along a lane
 RIBBON = 0.035  # width of the coloured path beside a diagram, as a part of its side
 
 
@@ -46,11 +46,11 @@ class Coordination:
 
     picture: NDArray[np.uint8]  # (H, W, 3) sRGB
     pairs: tuple[Pair, ...]
-    origins_px: NDArray[np.float64]  # (K, 2) x right, y down: both agents of the pair at the start
-    steps_px: NDArray[np.float64]  # (K, 2) for one path position of agent i, of agent j
+    origins_px: NDArray[np.float64]  # (K, 2) x right, y down: start of both agents of each pair
+    steps_px: NDArray[np.float64]  # (K, 2) per path position of agent i, of agent j
 
     def at(self, positions: NDArray[np.integer]) -> NDArray[np.float64]:
-        """(K, 2) pixel of every pair when the agents are at path positions (N,)."""
+        """(K, 2) pixels of path positions (N,) in the diagrams of all pairs."""
         places = np.array([[positions[i - 1], positions[j - 1]] for i, j in self.pairs]).reshape(-1, 2)
         return self.origins_px + self.steps_px * places
 
@@ -61,9 +61,9 @@ def coordination(
     close: Mapping[Pair, Mask],
     ordered: Mapping[Pair, Mask],
 ) -> Coordination:
-    """A diagram for every pair in `close`: position of i to the right, of j upwards, the schedule through it.
+    """One diagram per pair in `close`: path position of i to the right, of j upwards, with the schedule.
 
-    `close` (P_i, P_j): too close to each other; `ordered`: what temporal constraints forbid.
+    `close` (P_i, P_j): positions too close to each other; `ordered`: those that temporal constraints forbid.
     """
     pairs = tuple(sorted(close))
     columns, rows = _tiles(len(pairs))
@@ -85,20 +85,20 @@ def coordination(
         packed = {"ncols": 3, "fontsize": 8, "handlelength": 1.2, "columnspacing": 1.2}
         figure.legend(handles=handles, loc="outside lower center", **packed)
         picture = _drawn(figure)
-        cell = [[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]]  # its corners
+        cell = [[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]]  # two opposite corners
         corners = np.array([axes.transData.transform(cell) for axes in grid[: len(pairs)]])
-    (origins, ends), flip = corners.swapaxes(0, 1), np.array([1.0, -1.0])  # y upwards
+    (origins, ends), flip = corners.swapaxes(0, 1), np.array([1.0, -1.0])  # y of axes is upwards
     return Coordination(picture, pairs, origins * flip + (0.0, len(picture)), (ends - origins) * flip)
 
 
 def coordination_size_px(pairs: int) -> tuple[int, int]:
-    """Width and height of the picture of so many diagrams."""
+    """Width and height of the picture of the diagrams of `pairs` pairs."""
     width_in, height_in = _size_in(pairs)
     return int(width_in * DPI), int(height_in * DPI)
 
 
 def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB: a row for each agent, its segments coloured by primitive, its waiting grey."""
+    """Timeline (H, W, 3) sRGB: one lane per agent, segments coloured by primitive, waiting in grey."""
     with rc_context(STYLE):
         size = WIDTH_IN, LANE_IN * len(trajectories) + 0.9
         figure = Figure(size, dpi=DPI, layout="constrained")
@@ -131,7 +131,7 @@ def _size_in(pairs: int) -> tuple[float, float]:
 
 
 def _lane(axes: Axes, trajectory: Trajectory, schedule: Schedule) -> None:
-    """The row of one agent."""
+    """Draws the lane of one agent."""
     row, found = trajectory.agent, spans(trajectory, schedule)
     end_s = (found[-1].ends if found else 0) * CONTROL_DT_S
     axes.broken_barh([(0.0, end_s)], (row - 0.2, 0.4), facecolor=_hex(WAITS))
@@ -150,7 +150,7 @@ def _lane(axes: Axes, trajectory: Trajectory, schedule: Schedule) -> None:
 
 
 def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple[Mask, Rgb]]) -> None:
-    """One pair: cells that are forbidden, and the path of either agent as a ribbon along its axis."""
+    """Draws one pair: forbidden cells, and the path of each agent as a ribbon along its axis."""
     half = CONTROL_DT_S / 2  # a cell is as wide as a control step, with its position in the middle
     right, top = len(i) * CONTROL_DT_S + half, len(j) * CONTROL_DT_S + half
     for mask, colour in forbidden:
@@ -162,7 +162,7 @@ def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple
         for segment, begin, end in trajectory.intervals:
             colour, ribbon = _hex(primitive_colour(segment.primitive)), (1.0, 1.0 + RIBBON)
             draw(begin * CONTROL_DT_S, end * CONTROL_DT_S, *ribbon, clip_on=False, color=colour)
-    # Both ends of an agent that does not move are one and the same: keep its axis from being empty.
+    # The half cell keeps the axis of an agent that does not move from being empty.
     axes.set(xlim=(-half, right), ylim=(-half, top), aspect="auto", box_aspect=1.0)
     axes.set_xlabel(f"agent {i.agent}, s along its path", color=_hex(agent_colour(i.agent)))
     axes.set_ylabel(f"agent {j.agent}, s along its path", color=_hex(agent_colour(j.agent)))

@@ -1,4 +1,4 @@
-"""Frames as an MP4 that browsers play: H.264, its index first."""
+"""Writer of MP4 films for browsers: H.264, index first."""
 
 from pathlib import Path
 from typing import Self
@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import StageError
 
-EXACT = ["-qp", "0", "-preset", "veryfast", "-g", "10"]  # any frame is at most ten from one that stands alone
+EXACT = ["-qp", "0", "-preset", "veryfast", "-g", "10"]  # a key frame at least every ten frames
 
 
 class Film:
-    """Writes one film. A context manager; `rate` in frames a second.
+    """Writer of one film. A context manager; `rate` in frames per second.
 
-    `quality` is the constant rate factor of x264: lower is better and larger; None keeps every pixel as
-    it is, in a film for programs: RGB is nothing that browsers play. Raises StageError when the file cannot
-    be written.
+    `quality` is the constant rate factor of x264: lower is better and larger; None is lossless RGB, which
+    browsers do not play. Raises StageError when the file cannot be written.
     """
 
     def __init__(self, path: Path, rate: int = 20, quality: int | None = 24) -> None:
@@ -25,7 +24,7 @@ class Film:
         self._writer, self._added = None, 0
 
     def add(self, frame: NDArray[np.uint8], times: int = 1) -> None:
-        """A frame (H, W, 3) of one size for all, even unless pixels are kept, shown so many times."""
+        """Adds a frame (H, W, 3) `times` times; all have one size, even unless lossless."""
         try:
             if self._writer is None:
                 self._writer = self._open((frame.shape[1], frame.shape[0]))
@@ -33,7 +32,7 @@ class Film:
                 self._writer.send(frame.tobytes())
                 self._added += 1
         except OSError as error:
-            why = str(error).partition("\n")[0]  # then comes how ffmpeg was called; its own words are shown
+            why = str(error).partition("\n")[0]  # without the ffmpeg command; ffmpeg prints its errors
             raise StageError(f"cannot write the film {self._path}: {why}") from error
 
     def _open(self, size: tuple[int, int]):
@@ -59,14 +58,14 @@ class Film:
         self.close()
 
     def close(self) -> None:
-        """The film is complete. ffmpeg may have failed, on a full disk say, and only its file shows that."""
+        """Completes the film; counts its frames, as a failure of ffmpeg (full disk) shows only in them."""
         if self._writer is None:
             return
         self._writer.close()
         self._writer = None
         try:
             found, _ = imageio_ffmpeg.count_frames_and_secs(self._path)
-        except RuntimeError:  # it is no film
+        except RuntimeError:  # not a film
             found = 0
         if found != self._added:
             raise StageError(

@@ -1,4 +1,4 @@
-"""Pictures of cameras laid out with words that can be read: sheets, and frames of a film."""
+"""Camera pictures composed with readable text: sheets, and frames of a film."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from rf_exp.viz.layout import Rgb, agent_colour
 
 GROUND, INK, SOFT = (22, 24, 28), (236, 238, 240), (150, 154, 160)
 GAP_PX = 8
-TEXT_PX, SMALL_PX = 17, 15  # sizes of letters
-LINE_PX = 25  # from one line to the next
+TEXT_PX, SMALL_PX = 17, 15  # font sizes
+LINE_PX = 25  # line spacing
 RING_PX, DOT_PX = 6, 2  # radii of marks
-ROWS = 2  # agents' views below one another at most, beside the global view
-font = cache(ImageFont.load_default)  # of letters of so many pixels
+ROWS = 2  # most agents' views per column beside the global view
+font = cache(ImageFont.load_default)  # by its size in pixels
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A place in the picture of a camera, from 0 to 1 to the right and down: a ring, or a small dot."""
+    """A mark in a camera's picture, x right and y down from 0 to 1: a ring or a small dot."""
 
     camera: str
     x: float
@@ -33,7 +33,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of words below the pictures, with a mark before it."""
+    """A line of text below the pictures, with a coloured mark before it."""
 
     text: str
     mark: Rgb
@@ -49,7 +49,7 @@ def frame(
 ) -> NDArray[np.uint8]:
     """One frame of a film (H, W, 3): global view of that height, agents' views beside it, lines below.
 
-    Even sizes, which video needs. The same size for the same cameras and number of lines.
+    Its sizes are even, as video needs, and equal for the same cameras and number of lines.
     """
     agents = sorted(int(name.removeprefix("agent")) for name in pictures if name != "global")
     large = pictures["global"]
@@ -73,7 +73,7 @@ def frame(
 
 
 def _marked(picture: NDArray[np.uint8], size: tuple[int, int], marks: Sequence[Mark]) -> Image.Image:
-    """A picture of that size with marks on it, dots below rings."""
+    """A picture scaled to that size, with marks; rings are drawn over dots."""
     image = scaled(picture, size)
     draw = ImageDraw.Draw(image)
     for mark in sorted(marks, key=lambda each: each.ring):
@@ -84,7 +84,7 @@ def _marked(picture: NDArray[np.uint8], size: tuple[int, int], marks: Sequence[M
 
 
 def write_lines(draw: ImageDraw.ImageDraw, at: tuple[int, int], lines: Sequence[Line]) -> None:
-    """Lines of words below one another, each with its mark."""
+    """Draws lines of text below one another, each with its mark."""
     for row, line in enumerate(lines):
         x, y = at[0], at[1] + row * LINE_PX
         draw.rectangle((x, y + 3, x + 12, y + 15), fill=line.mark)
@@ -92,7 +92,7 @@ def write_lines(draw: ImageDraw.ImageDraw, at: tuple[int, int], lines: Sequence[
 
 
 def label(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, colour: Rgb) -> None:
-    """Words on a dark strip in the corner of a picture."""
+    """Draws text on a dark strip in the corner of a picture."""
     width = draw.textlength(text, font(SMALL_PX))
     draw.rectangle((at[0], at[1], at[0] + width + 12, at[1] + SMALL_PX + 8), fill=GROUND)
     write(draw, (at[0] + 6, at[1] + 2), text, SMALL_PX, colour)
@@ -103,7 +103,7 @@ def write(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, size_px: in
 
 
 def blank(size: tuple[int, int]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """An empty sheet of so many pixels, and what draws on it."""
+    """An empty image of that width and height in pixels, and its drawing context."""
     empty = Image.new("RGB", size, GROUND)
     return empty, ImageDraw.Draw(empty)
 

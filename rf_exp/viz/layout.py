@@ -1,14 +1,14 @@
-"""What everything in a recording is called, which colour it has, and how the viewer lays it out."""
+"""Entity names, colours and viewer layout of recordings."""
 
 from typing import Literal
 
 import rerun.blueprint as rrb
 
 Rgb = tuple[int, int, int]  # sRGB, 0..255
-Panels = Literal["plan", "rollout"]  # what a recording tells beside the scene
+Panels = Literal["plan", "rollout"]  # what a recording shows beside the scene
 
-# Okabe and Ito (2008): told apart with every common colour blindness, here in the order that reads
-# best on the viewer's dark ground. Vermillion is kept for violations.
+# Okabe and Ito (2008): distinguishable with every common colour blindness, ordered for the viewer's dark
+# background. Vermillion is reserved for violations.
 AGENT_COLOURS: tuple[Rgb, ...] = (
     (86, 180, 233),  # sky blue
     (230, 159, 0),  # orange
@@ -18,8 +18,8 @@ AGENT_COLOURS: tuple[Rgb, ...] = (
     (0, 114, 178),  # blue
 )
 VIOLATED: Rgb = (213, 94, 0)  # vermillion
-HOLDS: Rgb = (84, 130, 110)  # muted green: what is fine should not shout
-NOT_YET: Rgb = (128, 92, 60)  # a condition of success that does not hold: no violation either
+HOLDS: Rgb = (84, 130, 110)  # muted green, as it needs no attention
+NOT_YET: Rgb = (128, 92, 60)  # a condition of success that does not hold, which is no violation
 OBJECT: Rgb = (150, 150, 150)
 JOINT_COLOURS: tuple[Rgb, ...] = (*AGENT_COLOURS, (235, 235, 235))  # seven joints
 
@@ -27,7 +27,7 @@ BACKGROUND: Rgb = (28, 30, 34)
 INK: Rgb = (215, 215, 215)
 ORDERED: Rgb = (62, 76, 112)  # cells of a coordination diagram that an order forbids
 WAITS: Rgb = (70, 72, 78)
-# Blue on the way with an empty hand, yellow at the fingers, green with a load, purple for contact.
+# Blue: motion with an empty gripper; yellow: fingers; green: motion with a load; purple: contact.
 PRIMITIVES: dict[str, Rgb] = {
     "move": (62, 104, 158),
     "approach": (84, 146, 196),
@@ -42,14 +42,14 @@ PRIMITIVES: dict[str, Rgb] = {
     "shut": (134, 80, 149),
 }
 
-EYE_M = (1.7, -0.8, 1.3)  # looks the way the tasks' global cameras do, from higher and further
+EYE_M = (1.7, -0.8, 1.3)  # direction of the tasks' global cameras, from higher and further away
 LOOK_AT_M = (0.0, 0.0, 0.15)
 PICTURE_COLUMNS = 3
 
 PROPOSALS, CHECKS, DIAGRAMS, MOTIONS = "plan/proposals", "plan/checks", "plan/diagrams", "motions"
 CONDITIONS, MARGINS, VERDICT = "conditions", "margins", "verdict"
 LEGENDS = "legends"
-LEGEND_ROWS = 10  # that a legend has room for
+LEGEND_ROWS = 10  # that fit in a legend
 DISTANCES, CONTACTS = "arms/distances", "contacts"
 PATHS = "world/paths"
 
@@ -65,7 +65,7 @@ def primitive_colour(primitive: str) -> Rgb:
 
 
 def pale(colour: Rgb) -> Rgb:
-    """The colour with two parts of white."""
+    """The colour mixed with two parts of white."""
     red, green, blue = (round((value + 2 * 255) / 3) for value in colour)
     return red, green, blue
 
@@ -81,14 +81,14 @@ def object_entity(name: str) -> str:
 
 
 def camera_entity(name: str) -> str:
-    """Entity path of a camera; its pictures lie there too."""
+    """Entity path of a camera and of its pictures."""
     return f"world/cameras/{name}"
 
 
 def blueprint(
     agents: int, cameras: tuple[str, ...], panels: Panels, diagrams_px: tuple[int, int] | None
 ) -> rrb.Blueprint:
-    """How the viewer opens: the scene and what each agent does on the left, evidence on the right.
+    """Layout of the viewer: the scene and the motions of each agent on the left, evidence on the right.
 
     `diagrams_px`: width and height of the picture of coordination diagrams, None without one.
     """
@@ -100,13 +100,13 @@ def blueprint(
         columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["loglevel", "body"]),
     )
     right: list[rrb.View | rrb.Container]
-    if panels == "plan":  # who does what when; why: the diagrams, what RoboBrain wanted, what was checked
+    if panels == "plan":  # motions over time; coordination diagrams, proposals, checks
         motions = rrb.StateTimelineView(name="who does what when", origin=MOTIONS)
         below, low = _tabs(motions, *series), 0.35 + 0.2 * agents
         document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
         right = [_tabs(*_reasons(diagrams_px)), _tabs(document, log)]
         shares = [1.15, 1.0]
-    else:  # predicted beside commanded and measured; which conditions hold; how near arms are; the verdict
+    else:  # predicted, commanded and measured joints; conditions; distances of arms; the verdict
         conditions = rrb.StateTimelineView(name="conditions over time", origin=CONDITIONS)
         margins = _curves("value / bound", MARGINS)
         below, low = rrb.Horizontal(_tabs(*series), _tabs(conditions, margins)), 1.6
@@ -135,7 +135,7 @@ def blueprint(
 
 
 def _curves(name: str, origin: str, legend: float = 0.35) -> rrb.Horizontal:
-    """Curves and, beside them, their legend, so wide: the viewer's own lies on top of them."""
+    """Curves with a legend of this width beside them: the viewer's own would cover them."""
     bounds = rrb.VisualBounds2D(x_range=[-1.0, 1.0], y_range=[-1.0, LEGEND_ROWS - 1.0])
     return rrb.Horizontal(
         rrb.TimeSeriesView(name=name, origin=origin, plot_legend=rrb.PlotLegend(visible=False)),
@@ -148,7 +148,7 @@ def _curves(name: str, origin: str, legend: float = 0.35) -> rrb.Horizontal:
 
 
 def _scene() -> rrb.Tabs:
-    """The scene, and in a tab behind it the same with the occupancy that is checked, which hides much."""
+    """The scene, and in a second tab the same with the checked occupancy, which hides much."""
     views = [
         rrb.Spatial3DView(
             name=name,
@@ -166,7 +166,7 @@ def _scene() -> rrb.Tabs:
 
 
 def _reasons(diagrams_px: tuple[int, int] | None) -> list[rrb.View]:
-    """Why everybody moves when they do: the diagrams; what RoboBrain wanted."""
+    """Reasons for the schedule: coordination diagrams, proposals, verdicts over time."""
     views: list[rrb.View] = [
         rrb.TextDocumentView(name="proposals", origin=PROPOSALS),
         rrb.StateTimelineView(name="verdicts in time", origin="checks"),

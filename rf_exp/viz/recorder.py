@@ -1,4 +1,4 @@
-"""Writes one recording: what happened at each control step, and why."""
+"""Recorder: writes what happened at each control step, and why, to a rerun file."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -30,7 +30,7 @@ from rf_exp.viz.elements import Mesh, dots, expect, lane, lines, mesh3d, opening
 from rf_exp.viz.figures import Coordination, Mask, Pair
 from rf_exp.viz.layout import HOLDS, VIOLATED, Panels, Rgb, agent_colour, camera_entity
 
-rr.set_strict_mode(True)  # else rerun drops what it cannot take, with a warning
+rr.set_strict_mode(True)  # otherwise rerun drops invalid values with a warning
 
 FLUSH_S = 5.0  # rows are written in batches; few large ones load faster than many small
 FAINT = 110  # alpha of commanded curves, next to measured ones
@@ -38,22 +38,22 @@ JPEG_QUALITY = 80
 VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
 VOXEL_EDGE_M = 0.0004
 MARK_STEPS = 10  # control steps that the mark of a violation stays in the scene: half a second
-MARK_RADIUS_M = 0.05  # stands out of a gripper
+MARK_RADIUS_M = 0.05  # visible around a gripper
 NOW: Rgb = (255, 255, 255)
-NOW_POINTS = 4.0  # radius on the screen, however far the picture is zoomed
-NEXT_PX, DETECTED_PX = 5.0, 2.0  # radii of detected keypoints: where an agent goes next, and others
+NOW_POINTS = 4.0  # radius on the screen, at any zoom
+NEXT_PX, DETECTED_PX = 5.0, 2.0  # radii of detected keypoints: the next one of an agent, and others
 NO_FAULT = ("not yet", "waits")  # states of a lane
 
 
 class Recorder:
-    """Writes one recording. A context manager: the file is complete also after an exception.
+    """Writer of one recording. A context manager: the file is complete also after an exception.
 
     `cameras`: camera name -> CameraModel; empty without rendering. `moving`: the cameras whose pose
-    each step is told under `camera_entity(name)`. `meshes`: entity path (`link_entity`,
-    `object_entity`) -> Mesh; an entity that never gets a pose stands in the world frame. An existing
+    is passed to each step under `camera_entity(name)`. `meshes`: entity path (`link_entity`,
+    `object_entity`) -> Mesh; an entity that never gets a pose is in the world frame. An existing
     file at `path` is replaced, missing folders are made. `panels`: whether the layout shows plans and
-    their checks, or what a policy predicted and how it was judged. `robots`: of the agents, the usual
-    one unless given.
+    their checks, or a policy's predictions and how they were judged. `robots`: those of the agents,
+    all `DEFAULT` unless given.
 
     Raises ArgumentError for a value of the wrong shape, type or name, naming it; StageError when
     the file cannot be written or was closed.
@@ -83,15 +83,15 @@ class Recorder:
             if name not in cameras:
                 raise choices("moving camera", name, cameras)
         self._moving = tuple(moving)
-        self._posed = {*meshes, *map(camera_entity, moving)}  # entities that a step may place
+        self._posed = {*meshes, *map(camera_entity, moving)}  # entities whose pose a step may set
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
-        self._styled: set[str] = set()  # entities that have their style
-        # Of each group of curves their colours and names.
+        self._styled: set[str] = set()  # entities whose style is logged
+        # group of curves -> their colours and names
         self._legends: dict[str, list[tuple[tuple[int, ...], str]]] = {}
         self._closed = False
         self._motions: list[dict[str, Rgb]] = [{} for _ in range(agents)]  # states of each agent's lane
-        self._checks: dict[str, bool] = {}  # lanes seen -> they have a state now
-        self._marks: list[tuple[str, NDArray[np.float64]]] = []  # (check, where) now in the scene
+        self._checks: dict[str, bool] = {}  # check -> whether its lane has a state now
+        self._marks: list[tuple[str, NDArray[np.float64]]] = []  # (check, place) now in the scene
         self._marked_step = 0
         self._coordination: Coordination | None = None
 
@@ -129,7 +129,7 @@ class Recorder:
         self.close()
 
     def close(self) -> None:
-        """Write everything that waits, and the footer. Nothing can be recorded afterwards."""
+        """Write pending rows and the footer. Nothing can be recorded afterwards."""
         self._closed = True
         self._stream.flush()
         self._stream.disconnect()
@@ -149,8 +149,8 @@ class Recorder:
     ) -> None:
         """Record one control step; everything recorded until the next call belongs to it.
 
-        `poses`: entity path -> world_from_entity (4, 4) of links, objects and moving cameras; who is
-        left out stays. `qpos` (N, D) rad and metres; `action` (N, A) rad and gripper command, None
+        `poses`: entity path -> world_from_entity (4, 4) of links, objects and moving cameras; others
+        keep theirs. `qpos` (N, D) rad and metres; `action` (N, A) rad and gripper command, None
         when nothing is commanded any more. `pictures`: camera -> (H, W, 3) sRGB. Steps do not go back.
         """
         pictures = pictures or {}
@@ -208,7 +208,7 @@ class Recorder:
         self._log(entity, cubes)
 
     def verdict(self, check: str, ok: bool, reason: str) -> None:
-        """What a check says now. Its lane on the timeline keeps this state until its next verdict."""
+        """Record the verdict of a check. Its lane on the timeline keeps this state until the next one."""
         lane = f"checks/{rr.escape_entity_path_part(check)}"
         self._style(lane, rr.StateConfiguration(values=["holds", "violated"], colors=[HOLDS, VIOLATED]))
         self._checks[check] = True
@@ -216,7 +216,7 @@ class Recorder:
         self._log(lane, line, rr.StateChange(state="holds" if ok else "violated"))
 
     def checked(self, results: Sequence[text.CheckResult]) -> None:
-        """The check code of a plan with the evidence of each check; other checks have nothing to say now."""
+        """The check code of a plan with the evidence of each check; lanes of other checks become empty."""
         names = {lane(result.code): result for result in results}
         for check, going_on in self._checks.items():
             if going_on and check not in names:
@@ -245,7 +245,7 @@ class Recorder:
         self._log("world/violations", marks)
 
     def motion(self, agent: int, subgoal: str, primitive: str) -> None:
-        """What an agent (from 1) does from now on. No primitive: it waits; no subgoal: it has no plan."""
+        """Motion of an agent (from 1) from now on. No primitive: it waits; no subgoal: it has no plan."""
         self._colour(f"agent{agent}")
         state = f"{primitive}: {subgoal}" if primitive else "waits" if subgoal else ""
         lane, seen = f"{layout.MOTIONS}/agent{agent}", self._motions[agent - 1]
@@ -277,14 +277,14 @@ class Recorder:
         self._log(layout.DIAGRAMS, rr.EncodedImage(contents=png.tobytes(), media_type="image/png"))
 
     def positions(self, positions: NDArray[np.integer]) -> None:
-        """Where all agents (N,) are on their paths now: a point in every coordination diagram."""
+        """Path positions of all agents (N,) now: a point in every coordination diagram."""
         if self._coordination is not None:
             where = self._coordination.at(positions)
             now = rr.Points2D(where, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
             self._log(f"{layout.DIAGRAMS}/now", now)
 
     def predicted(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
-        """What a policy predicts for an agent from step `first` on: (T, A) rad and gripper command."""
+        """A policy's predicted targets for an agent from step `first` on: (T, A) rad and gripper command."""
         self._colour(f"agent{agent}")
         robot = self._robots[agent - 1]
         expect("targets", targets, (len(targets), self._dof + 1))
@@ -302,7 +302,7 @@ class Recorder:
         self._set_time(now)
 
     def detections(self, keypoints: Sequence[KeypointDetection]) -> None:
-        """Detected keypoints, in the pictures of the cameras: large where an agent goes next."""
+        """Detected keypoints in the pictures of the cameras; the next one of an agent is large."""
         for camera, model in self._cameras.items():
             ours = [each for each in keypoints if each.camera == camera]
             if not ours:
@@ -314,7 +314,7 @@ class Recorder:
             self._log(entity, rr.Points2D(places, colors=colours, radii=radii, draw_order=1.0))
 
     def path(self, agent: int, kind: str, places_m: NDArray[np.floating]) -> None:
-        """A path of an agent's hand (K, 3) in the scene: `predicted` is pale."""
+        """A path of an agent's gripper (K, 3) in the scene: `predicted` is pale."""
         colour = self._colour(f"agent{agent}")
         expect("places_m", places_m, (len(places_m), 3))
         shown = layout.pale(colour) if kind == "predicted" else colour
@@ -323,21 +323,21 @@ class Recorder:
         self._log(f"{layout.PATHS}/agent{agent}/{rr.escape_entity_path_part(kind)}", strip)
 
     def distance(self, a: int, b: int, distance_m: float) -> None:
-        """How far two arms are from one another, drawn in cm."""
+        """Distance between two arms now, plotted in cm."""
         self._curve(layout.DISTANCES, f"agents {a} and {b}", 100 * distance_m)
 
     def contact(self, what: str, force_n: float) -> None:
-        """With which force something is pushed now, 0 when it no longer is."""
+        """Contact force on something now, 0 when the contact has ended."""
         self._curve(layout.CONTACTS, what, force_n)
 
     def margin(self, condition: str, value: float) -> None:
-        """A condition's number as a part of its bound: 1 is where it begins to hold, or ends."""
+        """Value of a condition as a part of its bound: at 1 it begins or ceases to hold."""
         self._curve(layout.MARGINS, condition, value)
 
     def condition(
         self, name: str, holds: bool, line: str, states: tuple[str, str] = ("holds", "not yet")
     ) -> None:
-        """A condition of success as a lane, from now on; the line goes to the log."""
+        """State of a condition of success from now on, as a lane; the line goes to the log."""
         entity = f"{layout.CONDITIONS}/{lane(name)}"
         colours = [HOLDS, layout.NOT_YET if states[1] in NO_FAULT else VIOLATED]
         self._style(entity, rr.StateConfiguration(values=list(states), colors=colours))
@@ -345,7 +345,7 @@ class Recorder:
         self._log(entity, rr.TextLog(line, level="INFO"), state)
 
     def judged(self, markdown: Markdown) -> None:
-        """What the judge says, from now on."""
+        """The judge's verdict from now on."""
         self._log(layout.VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
 
     def _set_time(self, step: int) -> None:
@@ -360,7 +360,7 @@ class Recorder:
         self._stream.log(entity, first, *rest, static=static)
 
     def _style(self, entity: str, style: rr.AsComponents) -> None:
-        """How an entity is drawn, unless it is known already."""
+        """Log the style of an entity once."""
         if entity not in self._styled:
             self._styled.add(entity)
             self._log(entity, style, static=True)
@@ -382,7 +382,7 @@ class Recorder:
         return agent_colour(int(number))
 
     def _static(self, cameras: Mapping[str, CameraModel], meshes: Mapping[str, Mesh]) -> None:
-        """What never changes: axes, cameras, meshes, the style of the curves."""
+        """Log static data: axes, cameras, meshes, the style of the curves."""
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for name, camera in cameras.items():
             self._log(camera_entity(name), pinhole(camera), static=True)
@@ -406,7 +406,7 @@ class Recorder:
             self._log(f"gripper/agent{agent}/target", target, static=True)
 
     def _curve(self, group: str, name: str, value: float) -> None:
-        """A number now, in a group of curves that are told apart by their colours."""
+        """Log a number now, in a group of curves with different colours."""
         entity = f"{group}/{rr.escape_entity_path_part(name)}"
         if entity not in self._styled:
             count = len(self._legends.get(group, ()))
@@ -416,7 +416,7 @@ class Recorder:
         self._log(entity, rr.Scalars(value))
 
     def _legend(self, group: str, rows: Sequence[tuple[tuple[int, ...], str]]) -> None:
-        """More rows of what the curves of a group are."""
+        """Add rows to the legend of a group of curves."""
         known = self._legends.setdefault(group, [])
         if not (added := [row for row in rows if row not in known]):
             return

@@ -10,7 +10,7 @@ from rf_exp.texts import markdown, one_line
 from rf_exp.texts.markdown import Markdown
 from rf_exp.types import CONTROL_DT_S, Measured, Rollout, Subgoal, Verdict
 
-LEAST = 5e-4  # of a number that is shown
+LEAST = 5e-4  # smaller numbers are shown as 0
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class CheckResult:
     code: str  # as the paper prints it, e.g. VI(Agent_1, barrier, left)
     text: str  # the constraint as it was stated
     ok: bool
-    value: float  # what was found
-    bound: float  # what is allowed
+    value: float  # measured
+    bound: float  # permitted
     unit: str  # of both
-    time_s: float  # when, since the start of the episode
+    time_s: float  # since the start of the episode
     reason: str
 
 
@@ -46,7 +46,7 @@ def proposal(answer: Proposal) -> Markdown:
 
 
 def code(checks: Sequence[str]) -> Markdown:
-    """Check code, one call a line, composed by `and`."""
+    """Check code, one call per line, joined by `and`."""
     return markdown.block("\nand ".join(map(one_line, checks)), "python")
 
 
@@ -60,7 +60,7 @@ def judged_code(results: Sequence[CheckResult]) -> Markdown:
 
 
 def verdicts(results: Sequence[CheckResult]) -> Markdown:
-    """A table: a row for each check, with value, bound, moment and reason."""
+    """A table: a row for each check, with value, bound, time and reason."""
     rows = [
         (
             "holds" if each.ok else "**violated**",
@@ -83,7 +83,7 @@ def summary(results: Sequence[CheckResult]) -> Markdown:
 
 
 def violation(found: Violation) -> str:
-    """Who violated what, with the evidence, in one line of words. A refusal has no value and no bound."""
+    """One line about a violation: agents, constraint and evidence. A refusal has no value and no bound."""
     agents = " and ".join(f"agent {agent}" for agent in found.agents)
     value, bound = quantity(found.value, found.unit), quantity(found.bound, found.unit)
     numbers = f"{value}, bound {bound}, " if found.value or found.bound else ""
@@ -91,13 +91,13 @@ def violation(found: Violation) -> str:
 
 
 def measured(found: Measured, digits: int) -> str:
-    """What a condition's number is, with its unit; the noise of the physics is nothing."""
+    """The value of a condition with its unit; 0 for noise of the physics."""
     value = f"{found.value:.{digits}g}" if abs(found.value) >= LEAST else "0"
     return f"{value} {found.unit}"
 
 
 def conditions(verdict: Verdict, since: Mapping[str, int]) -> Markdown:
-    """A table: a row for each condition of success, with its number, and the step since when it is so."""
+    """A table: a row for each condition of success, with its value and the time of its last change."""
     rows = []
     for name, holds in verdict.evidence.items():
         found = verdict.measured.get(name)
@@ -110,7 +110,7 @@ def conditions(verdict: Verdict, since: Mapping[str, int]) -> Markdown:
 
 
 def outcome(result: Rollout) -> Markdown:
-    """How a rollout ended, and why: a bullet for each thing that failed or happened."""
+    """Outcome of a rollout, with a bullet for each failure or event."""
     ended = f"{'Succeeded' if result.success else 'Failed'} after {result.steps * CONTROL_DT_S:.2f} s"
     counts = f"{result.violations} steps with a violation, {result.contacts} with contact between arms."
     if result.interventions:
@@ -120,7 +120,7 @@ def outcome(result: Rollout) -> Markdown:
 
 
 def withheld(reasons: Mapping[int, str]) -> str:
-    """What a shield does in a control step: agent -> why it was kept from its command."""
+    """The shield in a control step, in words; `reasons`: agent -> why its command was withheld."""
     said = ", ".join(f"agent {agent} {reason}" for agent, reason in sorted(reasons.items()))
     return f"shield: {said or 'all may go on'}"
 

@@ -1,7 +1,7 @@
-"""The checks, a file for each kind under the name of its statement: compiled, planned, measured, in STL."""
+"""Checks, one file per kind, named as its statement: compilation, planned and measured verdicts, STL form."""
 
 from importlib import import_module
 from pkgutil import iter_modules
 
-for _module in iter_modules(__path__):  # a kind is known by being defined
+for _module in iter_modules(__path__):  # a kind is registered when it is defined
     import_module(f"{__name__}.{_module.name}")

@@ -1,8 +1,8 @@
-"""Spatial constraints: who may not be where (paper: Spatial Occupancy Validation).
+"""Spatial constraints: clearance between agents and from objects (paper: Spatial Occupancy Validation).
 
-Every question is looked at twice. The first look is cheap and misses nothing: spheres round the
-pieces, which are as safe as voxels filled from volume (`occupancy`, what people look at) and
-cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody.
+Every query has two phases. The broad phase is cheap and conservative: bounding spheres of the pieces, which
+are as safe as voxels filled from volume (`occupancy`, for display) and cheaper. What it flags is measured
+exactly (coal), so a false alarm has no effect.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ from rf_exp.types import Scene
 
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
 CONTACT_N = 1.0  # force between two arms that counts as contact
-STOP_N = 20.0  # at which both stop by themselves, as Pandas do with the thresholds of libfranka's examples
+STOP_N = 20.0  # protective stop of both, as of Pandas with the thresholds of libfranka's examples
 Pair = tuple[int, int]  # of agents
 
 
@@ -51,7 +51,7 @@ class AvoidAgentsCheck(Check):
         return f"VSO({names(self.agents)})"
 
     def pairs(self, task: Task) -> tuple[Pair, ...]:
-        """The pairs (i, j), i < j, that this is about."""
+        """The pairs (i, j), i < j, that are checked."""
         own = set(self.agents)
         return tuple(pair for pair in combinations(task.agents, 2) if own <= {*pair} or own >= {*pair})
 
@@ -85,7 +85,7 @@ class AvoidAgentsCheck(Check):
 
 
 def may_touch_now(plan: Plan, scene: Scene, agent: int) -> frozenset[str]:
-    """What an agent may touch by its plan, now or just before: a measured arm trails its commands."""
+    """Objects that an agent may touch by its plan, now or just before: a measured arm trails its commands."""
     recent = plan.recent(agent, scene, TRAILS_STEPS)
     body = plan.paths.swept[agent - 1]
     allowed = [*body.touches.items(), *body.rests.items()]
@@ -125,7 +125,7 @@ def touching(
 
 
 def pressing(scene: Scene, pairs: tuple[Pair, ...]) -> Evidence | None:
-    """The first pair of arms that the simulator sees press on one another."""
+    """The first pair of arms whose contact force in the simulator exceeds CONTACT_N."""
     for a, b, force_n in scene.arm_contacts:
         if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
             facts: About = {"measured": True, "agents": (a, b)}
@@ -134,18 +134,18 @@ def pressing(scene: Scene, pairs: tuple[Pair, ...]) -> Evidence | None:
 
 
 def protective_stop(scene: Scene) -> bool:
-    """Whether two arms press so hard on one another that both stop."""
+    """Whether two arms press on one another so hard that both stop."""
     return any(force_n > STOP_N for *_, force_n in scene.arm_contacts)
 
 
 def overlapping(
     separation: Separation, scene: Scene, pairs: tuple[Pair, ...], may_touch: Touches
 ) -> Evidence | None:
-    """The first pair of arms whose exact volumes overlap, whatever the simulator says.
+    """The first pair of arms whose exact volumes overlap, regardless of contacts in the simulator.
 
-    What an arm holds is part of it, where it was measured. `may_touch` (of an agent) names what the
-    gripper of an agent, and what it holds, may touch in the hands of another one. `separation` is that of the
-    scenes before, or a new one.
+    An arm includes the object that it holds, at its measured pose. `may_touch` (of an agent) names what the
+    agent's gripper, and the object in it, may touch in the gripper of another agent. `separation` is that of
+    earlier scenes, or a new one.
     """
     for pair in pairs:
         gap = separation.overlap(scene, pair, may_touch)
@@ -157,10 +157,10 @@ def overlapping(
 
 @dataclass(frozen=True)
 class AvoidObjectsCheck(Check):
-    """Agents touch nothing but what their segments are about, nor the table. Value and bound in metres.
+    """Agents touch neither the table nor objects that their segments do not involve. Value, bound in metres.
 
-    Judged before anything moves: contacts with objects are wanted and unwanted ones alike, and who strays
-    from its path is seen by the monitor.
+    Judged before execution: measured contacts with objects may be wanted or not, and the monitor finds an
+    agent that strays from its path.
     """
 
     states, name, unit = AvoidObjects, CheckName.OCCUPANCY, "m"
@@ -203,7 +203,7 @@ class AvoidObjectsCheck(Check):
         clear = [_clearance(agent) for agent in self.agents]
         low = [_lowest(agent) for agent in self.agents]
         things = always([f"{each.name} >= {OBJECT_MARGIN_M!r}" for each in clear], "m")
-        # A formula of its own: hands work nearer to the table than things are, which would hide those.
+        # A formula of its own: grippers are nearer to the table than to objects, whose margins it would hide.
         table = always([f"{each.name} >= {TABLE_MARGIN_M!r}" for each in low], "m")
         return Specification((things, table), (*clear, *low), measured=False)
 
@@ -215,8 +215,8 @@ def _clearance(agent: int) -> Signal:
         low_m, found = lowest_m(body), {}
         for position in np.unique(at).tolist():
             gap_m = nearest(body, still, np.array([[position, 0]])).distance_m
-            found[position] = min(gap_m, 2 * VOID)  # less the margin still void
-            if paths.blocked[agent - 1][position] and low_m[position] >= TABLE_MARGIN_M:  # doubt counts
+            found[position] = min(gap_m, 2 * VOID)  # still VOID less the margin
+            if paths.blocked[agent - 1][position] and low_m[position] >= TABLE_MARGIN_M:  # flagged: too close
                 found[position] = min(found[position], np.nextafter(OBJECT_MARGIN_M, 0.0))
         return np.array([found[position] for position in at.tolist()])
 

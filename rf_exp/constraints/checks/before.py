@@ -15,7 +15,7 @@ from rf_exp.types import CONTROL_HZ
 
 @dataclass(frozen=True)
 class BeforeCheck(TimedCheck):
-    """One part is over before another begins, with a pause of `wait_s` between. Values in seconds."""
+    """One part ends before another begins, with a pause of `wait_s` between. Value and bound in seconds."""
 
     states = Before
 

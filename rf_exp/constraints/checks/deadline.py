@@ -15,7 +15,7 @@ from rf_exp.tasks import Task
 
 @dataclass(frozen=True)
 class DeadlineCheck(TimedCheck):
-    """A part is over in time. Value and bound in seconds since the start of the plan."""
+    """A part ends in time. Value and bound in seconds since the start of the plan."""
 
     states = Deadline
 

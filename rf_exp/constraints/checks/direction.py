@@ -1,6 +1,6 @@
-"""Interaction direction (paper, section 3.2): how the gripper is turned when it meets an object.
+"""Interaction direction (paper, section 3.2): orientation of the gripper when it meets an object.
 
-TCP frame: z points out of the hand, y along the fingers.
+TCP frame: z points out of the gripper, the fingers close along y.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from rf_exp.types import Scene
 
 ANGLE_DEG = 10.0
 ANGLE_MEASURED_DEG = 20.0
-OPPOSITE_DEG = 180.0  # the value of a direction that is never taken up
+OPPOSITE_DEG = 180.0  # value without any contact
 UP = (0.0, 0.0, 1.0)
-# word -> what has to be in line
+# orientation -> its reference, as in sentences
 ORIENTATIONS = {
     "perpendicular": "the annotated direction",
     "vertical": "the vertical, pointing down",
@@ -36,8 +36,8 @@ ORIENTATIONS = {
 class DirectionCheck(ContactCheck):
     """The gripper has the required orientation at contact. Value and bound in degrees.
 
-    `perpendicular` asks for the annotated direction of the interaction point: both the approach
-    and the axis along which the fingers close, within the turns and the tip that the point allows.
+    `perpendicular` requires the annotated direction of the interaction point: both the approach and the axis
+    along which the fingers close, up to the turns and the tip that the point allows.
     """
 
     states, name, unit = Direction, CheckName.DIRECTION, "deg"
@@ -68,7 +68,7 @@ class DirectionCheck(ContactCheck):
         contact = self.contact(plan)
         if contact is None:
             segments = plan.trajectory(self.agent).segments
-            if any(each.subgoal.target == self.object for each in segments):  # with something in its hand
+            if any(each.subgoal.target == self.object for each in segments):  # with an object in the gripper
                 return self.idle(plan, ANGLE_DEG)
             return self.no_contact(plan, Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
@@ -119,7 +119,7 @@ class DirectionCheck(ContactCheck):
             return abs(np.pi / 2 - angle_between_rad(approach, UP))
         if self.orientation == "level":
             return abs(np.pi / 2 - angle_between_rad(fingers, UP))
-        if point is None:  # nothing annotated: down onto its top
+        if point is None:  # no annotated point: down onto the object's top
             return np.pi - angle_between_rad(approach, pose[:3, 2])
         found = []
         for annotated in (pose @ alike for alike in point.alike):

@@ -1,4 +1,4 @@
-"""Interaction position (paper, section 3.2): where an object is met, and where it is put.
+"""Interaction position (paper, section 3.2): where a gripper meets an object, and where it puts one.
 
 The tool centre point (TCP) is compared with the annotated interaction points of the asset.
 """
@@ -19,16 +19,16 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import Scene, Segment
 
 POSITION_M = 0.01  # of the TCP from the interaction point, planned
-POSITION_MEASURED_M = 0.03  # fingers shift what they close on
-# Who presses goes on until it is felt, which is farther on where joints measure something else than they are:
-# between these it is not beside the point. What is less than the former is inverse kinematics, not intent.
+POSITION_MEASURED_M = 0.03  # closing fingers shift the object
+# A press continues until contact is felt, which is farther on where measured joints are wrong: up to the
+# latter this does not count as offset. Less than the former is inverse kinematics, not intent.
 FARTHER_M = (0.001, 0.02)
 CONTACT = ("approach", "press")  # primitives that end in contact
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Where a trajectory meets an object."""
+    """Contact of a trajectory with an object."""
 
     segment: Segment
     end: int  # path position at contact
@@ -39,7 +39,7 @@ class Contact:
         return plan.task.arms[self.segment.agent].tcp(self.segment.qpos[-1])
 
     def object_pose(self, plan: Plan, name: str) -> Matrix:
-        """world_from_object: where it stands, or where another agent leaves it, whichever is met."""
+        """world_from_object now, or where another agent leaves it, whichever is nearer to the contact."""
         poses = [plan.scene.poses[name]]
         for trajectory in plan.trajectories:
             carrying = [segment for segment in trajectory.segments if segment.attached == name]
@@ -57,18 +57,18 @@ def offset_m(a: Matrix, b: Matrix) -> float:
 
 
 def nearest_pose(tcp: Matrix, world_from_object: Matrix, point: InteractionPoint) -> Matrix:
-    """world_from_tcp at a point of an object: of those that are alike the nearest to a gripper."""
+    """world_from_tcp at a point of an object: of its equivalent poses the nearest to a gripper."""
     return min((world_from_object @ alike for alike in point.alike), key=lambda pose: offset_m(tcp, pose))
 
 
 @dataclass(frozen=True)
 class ContactCheck(OneAgentCheck, BoundedCheck):
-    """A check of how an agent meets an object."""
+    """A check of an agent's contact with an object."""
 
     object: str
 
     def contact(self, plan: Plan) -> Contact | None:
-        """The last one that the plan of the agent makes with the object."""
+        """The last contact with the object in the agent's plan; None without one."""
         parts, found = list(plan.trajectory(self.agent).intervals), None
         for index, (segment, _, end) in enumerate(parts):
             if segment.primitive in CONTACT and segment.subgoal.object == self.object:
@@ -77,7 +77,7 @@ class ContactCheck(OneAgentCheck, BoundedCheck):
         return found
 
     def contact_now(self, plan: Plan, scene: Scene) -> Contact | None:
-        """The same, in the control step in which the fingers have closed."""
+        """The same, at the control step at which the fingers have closed; None at others."""
         contact = self.contact(plan)
         if contact is None:
             return None
@@ -85,7 +85,7 @@ class ContactCheck(OneAgentCheck, BoundedCheck):
         return contact if scene.step - plan.scene.step == settles else None
 
     def no_contact(self, plan: Plan, missed: Finding, aspect: str, value: float) -> Evidence:
-        """What it means that there is none: the agent holds the object already, or misses the demand."""
+        """Evidence without a contact: the agent holds the object already, or violates the constraint."""
         holds = plan.scene.held[self.agent - 1] == self.object
         moving = tuple(dict.fromkeys(each.subgoal.text for each in plan.trajectory(self.agent).segments))
         about: About = {"object": self.object, "aspect": aspect, "subgoals": moving}
@@ -154,9 +154,9 @@ class ContactAtCheck(ContactCheck):
 
 @dataclass(frozen=True)
 class PlaceAtCheck(OneAgentCheck):
-    """What the agent carries is let go at the annotated point of a target, on the level. In metres.
+    """The agent releases its object at the annotated point of a target: horizontal distance in metres.
 
-    Judged before anything moves, by where the plan lets go.
+    Judged before execution, by the planned place of release.
     """
 
     states, name, unit = PlaceAt, CheckName.INTERACTION, "m"

@@ -39,7 +39,7 @@ class KeepApartCheck(BoundedCheck):
         return Closing(self.agents, np.linalg.norm(a_m[:, None] - b_m[None], axis=-1) < self.at_least_m)
 
     def _links(self, paths: Paths) -> tuple[Swept, Swept]:
-        """The two arms along their paths without what they carry."""
+        """The two arms along their paths, without carried objects."""
         a, b = (paths.swept[agent - 1] for agent in self.agents)
         return a.only(*set(a.labels) - a.objects), b.only(*set(b.labels) - b.objects)
 

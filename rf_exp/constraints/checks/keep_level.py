@@ -12,13 +12,13 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import Scene, doing
 
-MEASURED_DEG = 5.0  # that a measured thing may be tilted more than planned
+MEASURED_DEG = 5.0  # extra tilt allowed when measured
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class KeepLevelCheck(BoundedCheck):
-    """What agents carry is not tilted against how it stands now. Value and bound in degrees."""
+    """A carried object is not tilted from its pose at the start of the plan. Value and bound in degrees."""
 
     states, name, unit = KeepLevel, CheckName.DIRECTION, "deg"
     finding = Finding.TILTED
@@ -70,6 +70,6 @@ class KeepLevelCheck(BoundedCheck):
 
 
 def _tilts_deg(poses: NDArray[np.float64], stands: Matrix) -> NDArray[np.float64]:
-    """(T,) of an object at poses (T, 4, 4): the angle of what points up where it stands, against up."""
+    """(T,) angle between up and the axis that points up at pose `stands`, of an object at poses (T, 4, 4)."""
     upward = stands[:3, :3].T @ UP  # in the frame of the object
     return np.degrees(np.arccos(np.clip((poses[:, :3, :3] @ upward)[:, 2], -1.0, 1.0)))

@@ -19,10 +19,10 @@ from rf_exp.types import Scene
 
 @dataclass(frozen=True)
 class KeepOutCheck(OneAgentCheck, BoundedCheck):
-    """An agent, with what it carries, stays out of a zone, a box. Value and bound in metres.
+    """An agent, with what it carries, stays out of a zone (a box). Value and bound in metres.
 
-    Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
-    can keep the agent out (`rule`).
+    Where the zone is closed only while an agent or an object is in it, or until a part of a plan is over,
+    timing can keep the agent out (`rule`).
     """
 
     states, name, unit = KeepOut, CheckName.OCCUPANCY, "m"
@@ -55,7 +55,7 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
         return closer_than(paths.swept[agent - 1], self._zone(), 0.0)[:, 0]
 
     def _closed(self, paths: Paths) -> tuple[int, Mask]:
-        """Whose path decides when the zone is closed, and at which of its positions (P,)."""
+        """The agent whose path closes the zone, and at which of its positions (P,) it is closed."""
         if self.until is not None:
             other = self.until.agent
             part = span(self.until, paths.trajectory(other))
@@ -64,7 +64,7 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
         if isinstance(self.occupied_by, int):
             return self.occupied_by, self._inside(paths, self.occupied_by)
         closed, name = True, self.occupied_by
-        if name is not None:  # who moves a thing decides, or nobody
+        if name is not None:  # closed by the agent that moves the object, if any
             for agent, body in zip(paths.task.agents, paths.swept, strict=True):
                 if name in body.objects:
                     return agent, closer_than(body.only(name), self._zone(), 0.0)[:, 0]
@@ -108,12 +108,12 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
         return True
 
     def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
-        """From a measured arm, with what it holds, to the zone."""
+        """Distance from a measured arm, with what it holds, to the zone."""
         arm = PlanningScene(plan.task, scene).measured(agent, attached=scene.held[agent - 1], touches=())
         return nearest(arm, self._zone())
 
     def _beside(self, gap: Nearest, ok: bool, time_s: float, does: tuple[Doing | None, ...] = ()) -> Evidence:
-        """`does`: what the agent is about, as planned; empty as measured."""
+        """`does`: activity of the agent in the plan; empty for a measured distance."""
         finding, zone = Finding.OUT_OF_ZONE if ok else self.finding, f"zone {self.low_m} to {self.high_m}"
         about: About = {"measured": not does, "obstacles": (zone,), "doing": does, "parts": (gap.a,)}
         return self.found(ok, finding, gap.distance_m, 0.0, time_s, **about)
@@ -128,9 +128,9 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
         return self.formula(f"outside_{zone}", how, (f"closed_{zone}", "the zone is closed"))
 
 
-@lru_cache(maxsize=64)  # asked for at every control step
+@lru_cache(maxsize=64)  # called at every control step
 def _box(low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Swept:
-    """A zone between two corners, as a body that stands (P = 1)."""
+    """A zone between two corners, as a static body (P = 1)."""
     low, high = np.array(low_m), np.array(high_m)
     box = trimesh.creation.box(high - low, transform((low + high) / 2))
     return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))

@@ -19,10 +19,10 @@ HEIGHT_MEASURED_M = 0.03
 
 @dataclass(frozen=True)
 class SameHeightCheck(BoundedCheck):
-    """Agents that carry one thing together raise it by the same height. Value and bound in metres.
+    """Agents that carry one object together raise it by the same height. Value and bound in metres.
 
-    With a model of time at every control step of the schedule, otherwise at the end of the plan. With a
-    `phase` (of each agent) only there.
+    Checked at every control step of the schedule where temporal constraints are on, otherwise at the end of
+    the plan. With a `phase` (one per agent) only there.
     """
 
     states, name, unit = SameHeight, CheckName.DIRECTION, "m"
@@ -69,12 +69,12 @@ class SameHeightCheck(BoundedCheck):
         return self.judged(np.ptp(rises), scene.time_s, measured=True, object=name)
 
     def _together(self, plan: Plan) -> list[str]:
-        """The things that all of them carry in this plan."""
+        """The objects that all of its agents carry in this plan."""
         carried = ({each.attached for each in plan.trajectory(agent).segments} for agent in self.agents)
         return sorted(filter(None, set.intersection(*carried)))
 
     def _span(self, plan: Plan, agent: int, name: str) -> tuple[int, int]:
-        """Path positions between which an agent carries a thing and has to keep level with the others."""
+        """Path positions between which an agent carries an object and has to keep level with the others."""
         begin, end = _carried(plan, agent, name)
         for step in self.phase:
             if step.agent == agent and (part := span(step, plan.trajectory(agent))) is not None:
@@ -82,7 +82,7 @@ class SameHeightCheck(BoundedCheck):
         return begin, end
 
     def _rise_m(self, plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
-        """How far an agent has raised a thing: (T + 1,), or (1,) at the end without a model of time."""
+        """Rise of an object by an agent: (T + 1,), or (1,) at the end where temporal constraints are off."""
         height, timed = plan.paths.grippers_m(agent)[:, 2], plan.paths.constraint_set.temporal
         positions = plan.positions(agent) if timed else np.array([len(height) - 1])
         begin, end = self._span(plan, agent, name)
@@ -96,7 +96,7 @@ class SameHeightCheck(BoundedCheck):
 
 
 def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
-    """Path positions between which an agent carries a thing, for the first time."""
+    """Path positions between which an agent carries an object for the first time."""
     runs = groupby(plan.trajectory(agent).intervals, key=lambda part: part[0].attached == name)
     parts = next(list(run) for carries, run in runs if carries)
     return parts[0][1], parts[-1][2]

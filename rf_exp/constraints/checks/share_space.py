@@ -14,10 +14,10 @@ from rf_exp.types import CONTROL_DT_S
 
 @dataclass(frozen=True)
 class ShareSpaceCheck(Check):
-    """Agents may use the same space at different times: a permission, which takes nothing away.
+    """Agents may use the same space at different times: a permission, which always holds.
 
-    That they are never there at the same time is what the diagrams of the spatial checks forbid. The value
-    is the least time in seconds between one leaving a place where the other would meet it and the other
+    Use at the same time is forbidden by the coordination diagrams of the spatial checks. The value is the
+    least time in seconds between one agent leaving a place where the other would come too close and the other
     coming there; infinite where there is no such place.
     """
 
@@ -44,9 +44,9 @@ class ShareSpaceCheck(Check):
 
 
 def _handover(plan: Plan, i: int, j: int) -> tuple[int, int, tuple[int, int]]:
-    """The closest that two agents come, in time, to using one space: steps, when, and who is first.
+    """Shortest time between two agents' use of one space: steps, arrival of the second, (first, second).
 
-    From the last step of the first at a path position to the first step of the other at one that is too
+    From the last step of the first at a path position to the first step of the second at one that is too
     close to it.
     """
     diagram = plan.paths.diagrams[i, j]  # (P_i, P_j)

@@ -1,4 +1,4 @@
-"""The gripper of an agent is not too fast: its path is made slow, and checked."""
+"""Speed limit of a gripper: its path is slowed down, and checked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,15 +15,15 @@ from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory
 
-MEASURED_SPEED = 1.25  # an arm that catches up with its command is faster than it
-SPARE = 1.02  # straight lines between positions in joint space are none of the gripper
+MEASURED_SPEED = 1.25  # factor on the bound: an arm that catches up with its command is faster
+SPARE = 1.02  # factor on the duration: straight lines in joint space are not straight for the gripper
 
 
 @dataclass(frozen=True)
 class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
-    """The gripper of an agent is not too fast. Value and bound in metres a second.
+    """The gripper of an agent keeps a speed limit. Value and bound in m/s.
 
-    Paths are made that slow (`slowed`), whatever their schedule, so it has no rule for timing.
+    Paths are slowed down to it (`slowed`) before scheduling, so it has no rule for timing.
     """
 
     states, name, unit = SpeedLimit, CheckName.SCHEDULING, "m/s"
@@ -66,9 +66,9 @@ def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
 def slowed(
     trajectories: Sequence[Trajectory], arms: Sequence[Arm], limits_m_s: Mapping[int, float]
 ) -> tuple[Trajectory, ...]:
-    """The same paths, with every segment of an agent so slow that its gripper keeps to the agent's limit.
+    """The same paths, with segments stretched so that the gripper of each agent keeps its speed limit.
 
-    Segments that several agents make together stay together. Without limits they are returned as they are.
+    Joined segments are stretched equally. Without limits the trajectories are returned unchanged.
     """
     if not limits_m_s:
         return tuple(trajectories)
@@ -89,7 +89,7 @@ def slowed(
 
 
 def _factors(trajectory: Trajectory, arm: Arm, limit_m_s: float) -> list[float]:
-    """How much longer each segment takes."""
+    """Factors on the durations of the segments."""
     path, factors = trajectory.path(), []
     for _, start, end in trajectory.intervals:
         fastest = float(speeds_m_s(arm, path[start : end + 1]).max())
@@ -98,10 +98,10 @@ def _factors(trajectory: Trajectory, arm: Arm, limit_m_s: float) -> list[float]:
 
 
 def _stretched(segment: Segment, path: NDArray[np.float64], factor: float) -> Segment:
-    """A segment on a grid of so many times its steps, straight between the positions of its path."""
+    """A segment with `factor` times its steps, linearly interpolated between the positions of its path."""
     if factor <= 1.0:
         return segment
     steps = int(np.ceil(len(segment) * factor))
     at = np.arange(1, steps + 1) * len(segment) / steps
-    commands = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # do not blend
+    commands = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # not interpolated
     return replace(resampled(segment, path, at), gripper=commands)

@@ -1,4 +1,4 @@
-"""Demonstrations of others as stores: what a file holds, surveyed before anything is copied; and the copy."""
+"""Import of other data sets into stores: a source is surveyed before anything is copied."""
 
 from rf_exp.data.importing.taking import import_demonstrations
 

@@ -1,7 +1,6 @@
-"""Replay buffers: arrays over all rows, one episode behind the other, and the row after the last of each.
+"""Replay buffers: arrays over the rows of all episodes, concatenated, and the row after the last of each.
 
-So Diffusion Policy keeps demonstrations in Zarr, and Policy-Lightning in HDF5. What they hold of a robot is
-what it was told.
+Diffusion Policy keeps them in Zarr, Policy-Lightning in HDF5. Most hold commands, but no measured joints.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,16 +35,16 @@ CHANNELS = 3
 
 @dataclass(frozen=True)
 class Frames:
-    """Pictures of a camera, u8, in a file of somebody."""
+    """Pictures of a camera, u8, in a source, read on demand."""
 
     path: Path
-    name: str  # of the array there
+    name: str  # of the array in the source
     shape: tuple[int, ...]  # (T, 3, H, W) or (T, H, W, 3)
-    read: Callable[[int, int], NDArray[Any]]  # rows from, and up to
+    read: Callable[[int, int], NDArray[Any]]  # (start, end) -> rows
 
     @property
     def first(self) -> bool:
-        """Whether channels come before height and width, told by the shape. Raises StageError."""
+        """Whether channels precede height and width. Raises StageError where the shape is ambiguous."""
         there = [axis for axis in (1, 3) if self.shape[axis] == CHANNELS]
         if len(there) != 1:
             expected = "(T, 3, H, W) or (T, H, W, 3), and no picture 3 pixels high or wide"
@@ -69,9 +68,9 @@ class Frames:
 
 
 def cameras_of(frames: Mapping[str, Frames], agents: int) -> tuple[dict[str, Frames], list[str]]:
-    """Cameras by the names that they have here, all of one size, and what is said of those left out.
+    """Cameras by our names, all of one picture size, and notes on those left out.
 
-    The size is that of the first agent's own camera, or of the first one.
+    The size is that of the first agent's own camera, or else of the first camera.
     """
     found: dict[str, Frames] = {}
     notes = []
@@ -92,7 +91,7 @@ def cameras_of(frames: Mapping[str, Frames], agents: int) -> tuple[dict[str, Fra
 
 
 class Flat(Source):
-    """Demonstrations in arrays over all rows."""
+    """Source of demonstrations kept as arrays over all rows."""
 
     def __init__(
         self,
@@ -106,9 +105,9 @@ class Flat(Source):
         notes: Sequence[str] = (),
         close: Callable[[], object] = lambda: None,
     ) -> None:
-        """Commands (T, N, 8), measured joints (T, N, 9) if they are known, rows after each episode (E,).
+        """`told`: commands (T, N, 8); `state`: measured joints (T, N, 9); `ends` (E,): row after an episode.
 
-        Raises StageError for arrays of other lengths than one another, and ends that do not rise.
+        Raises StageError for arrays of different lengths, and for ends that do not rise.
         """
         agents = told.shape[1]
         arms = f"it has commands of {agents} arms; expected 1 to {MOST_AGENTS}"

@@ -1,4 +1,4 @@
-"""HDF5 files of others: groups and arrays that are there as declared, in the file itself."""
+"""Checked reading of HDF5 files: groups and arrays that exist as declared, within the file itself."""
 
 import re
 from math import prod
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rf_exp.data.importing.source import MOST_BYTES, MOST_CHUNK_BYTES, checked_shape, expect, reads
 from rf_exp.data.target import library
 
-# Of cameras and objects, which become parts of a store.
+# Cameras and objects with such names can be kept in a store.
 NAME = re.compile(r"[A-Za-z0-9][\w.-]{0,63}", re.ASCII)
 
 
@@ -23,15 +23,15 @@ def opened(path: Path) -> Any:
 
 
 def names(path: Path, group: Any) -> list[str]:
-    """What lies in a group. Raises StageError."""
+    """Names of the members of a group. Raises StageError."""
     with reads(path, f"the list of what is in {group.name}"):
         return [str(name) for name in group]
 
 
 def member(path: Path, group: Any, name: str) -> Any:
-    """A group or array within a group by its path; None where it is not there.
+    """A group or array by its path within a group; None where it is missing.
 
-    Raises StageError where it lies in another file: links lead to any file that the user can read.
+    Raises StageError for soft and external links: they can lead to any file that the user can read.
     """
     h5py = library("h5py")
     found = group
@@ -50,16 +50,17 @@ def is_group(found: Any) -> bool:
 
 
 def subgroup(path: Path, group: Any, name: str) -> Any:
-    """A group within a group; None where it is not there. Raises StageError where it is none."""
+    """A group within a group; None where it is missing. Raises StageError where it is not a group."""
     found = member(path, group, name)
     expect(found is None or is_group(found), path, f"{group.name}/{name} is no group")
     return found
 
 
 def array(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds: str) -> Any:
-    """A dataset within a group, of which all bytes are there; None where it is not.
+    """A dataset within a group, with all its bytes in the file; None where it is missing.
 
-    `row` is the shape of its rows, `kinds` are NumPy's letters of what its numbers may be. Raises StageError.
+    `row` is the shape of its rows (None: any size), `kinds` are the permitted kinds of its dtype. Raises
+    StageError.
     """
     found, said = member(path, group, name), f"{group.name}/{name}"
     if found is None:
@@ -84,14 +85,14 @@ def array(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds:
 
 
 def needed(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds: str) -> Any:
-    """As `array`, of one that has to be there. Raises StageError where it is not."""
+    """As `array`, but raises StageError where it is missing."""
     found = array(path, group, name, row, kinds)
     expect(found is not None, path, f"{group.name.rstrip('/')}/{name} is missing")
     return found
 
 
 def rows(path: Path, found: Any, start: int, end: int) -> NDArray[Any]:
-    """Rows of a dataset, read. Raises StageError."""
+    """Reads rows of a dataset. Raises StageError."""
     size = (end - start) * prod(found.shape[1:]) * found.dtype.itemsize
     expect(size <= MOST_BYTES, path, f"{found.name} has {size} bytes in one episode")
     with reads(path, f"{found.name}, rows {start} to {end - 1},"):

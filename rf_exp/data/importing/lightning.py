@@ -1,7 +1,6 @@
-"""What is in an HDF5 file of Policy-Lightning: the arrays of `rf_exp.data.policy_lightning`.
+"""Import of HDF5 files of Policy-Lightning, with the arrays of `rf_exp.data.policy_lightning`.
 
-Its document and its present code keep pictures with their channels first, earlier code kept them last: their
-shape tells.
+Its documentation and present code keep channels first, earlier code kept them last: the shape decides.
 """
 
 import re
@@ -22,12 +21,12 @@ _ACTION, _CAMERA = re.compile(r"action_(\d{1,2})"), re.compile(r"head_cam(_\w+)?
 
 
 def holds(names: list[str]) -> bool:
-    """Whether a file with these names at its top is one of them."""
+    """Whether a file with these top-level names has this format."""
     return "episode_ends" in names and any(map(_ACTION.fullmatch, names))
 
 
 def read(path: Path, file: Any, task: str) -> Flat:
-    """What is in an open file. Raises StageError where it is not as it should be."""
+    """Source of the demonstrations in an open file. Raises StageError where it violates the format."""
     names = hdf5.names(path, file)
     numbers = sorted(int(found[1]) for found in map(_ACTION.fullmatch, names) if found)
     expect(numbers == [*range(len(numbers))], path, f"it has commands of arms {numbers}; expected 0, 1, ...")

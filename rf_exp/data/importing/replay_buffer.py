@@ -1,8 +1,8 @@
-"""What is in the Zarr 2 of Diffusion Policy and of the authors' release: see `rf_exp.data.robofactory`.
+"""Import of Zarr 2 replay buffers of Diffusion Policy and the authors' release (`rf_exp.data.robofactory`).
 
-Some of these buffers hold one arm, (T, 8), and belong to those of others; some hold all of them, (T, 8N),
-with `head_camera_<k>` and `head_camera_global`, or measured joints as `state` (T, 9N). Their compression has
-no sums: a byte that a disk has changed may decode to other values.
+Some buffers hold one arm, (T, 8), and belong with those of the other arms; some hold all arms, (T, 8N), with
+`head_camera_<k>` and `head_camera_global`, or measured joints as `state` (T, 9N). Their compression has no
+checksums: a byte changed on disk may decode to other values.
 """
 
 import json
@@ -34,9 +34,9 @@ from rf_exp.data.robofactory import TOLD
 from rf_exp.errors import ArgumentError
 
 FORM = "a Zarr 2 replay buffer of Diffusion Policy"
-SAFE = ("blosc", "zstd", "zlib", "gzip", "lz4", "bz2", "lzma")  # that decode to bytes, and run nothing
+SAFE = ("blosc", "zstd", "zlib", "gzip", "lz4", "bz2", "lzma")  # codecs that run no code
 MOST_FILES = 1_000_000  # of an array
-BLOSC_HEADER = 16  # bytes, of which the last four are the length of the file
+BLOSC_HEADER = 16  # bytes; the last four are the length of the file
 
 _AGENT = re.compile(r"(.+-rf)_Agent(\d{1,2})_(\d+)\.zarr")
 _CAMERA = re.compile(r"cam|img|image|rgb")  # in the name of an array
@@ -44,9 +44,9 @@ _NUMBER = re.compile(r"[<>|=]?[fiub]\d")
 
 
 def arms(folder: Path) -> list[Path]:
-    """The buffers of all arms of the one task in a folder, in their order; none where there are no such.
+    """The buffers of all arms of the one data set in a folder, in order of the arms; empty without any.
 
-    Raises ArgumentError for those of several.
+    Raises ArgumentError where there are several data sets.
     """
     found: dict[tuple[str, str], list[tuple[int, Path]]] = {}
     for each in sorted(folder.iterdir()):
@@ -61,13 +61,13 @@ def arms(folder: Path) -> list[Path]:
 
 
 def is_buffer(path: Path) -> bool:
-    """Whether a folder is laid out as one, whole or not."""
+    """Whether a folder has the layout of a replay buffer, complete or not."""
     whole = (path / ".zgroup").is_file() and (path / "data").is_dir()
     return whole or (path / "data" / "action" / ".zarray").is_file()
 
 
 def read(paths: Sequence[Path], task: str) -> Flat:
-    """What is in a buffer, or in those of several arms. Raises StageError where it is not as it should be."""
+    """Source of the demonstrations in a buffer, or in those of several arms. Raises StageError if invalid."""
     told, ends, states, frames = [], [], [], {}
     notes: list[str] = []
     for number, path in enumerate(paths):
@@ -95,7 +95,7 @@ def read(paths: Sequence[Path], task: str) -> Flat:
 
 
 def _state(path: Path, told: NDArray[np.float32], notes: list[str]) -> NDArray[np.float32] | None:
-    """Measured joints (T, N, 9), where `state` is that; None where it is what was told, or is not there."""
+    """Measured joints (T, N, 9) where `state` holds them; None where it holds commands or is missing."""
     if not (path / "data" / "state").is_dir():
         return None
     found = _numbers(path, "data/state")
@@ -133,7 +133,7 @@ def _rows(path: Path, name: str, array: zarr.Array[Any], start: int, end: int) -
 
 
 def _array(path: Path, name: str, row: tuple[int | None, ...], kinds: str) -> zarr.Array[Any]:
-    """An array of which each file is there. Raises StageError."""
+    """Opens an array; all its files must exist. Raises StageError."""
     said = _described(path, name)
     shape, chunks = said["shape"], said["chunks"]
     checked_shape(path, name, shape, row)
@@ -156,9 +156,9 @@ def _array(path: Path, name: str, row: tuple[int | None, ...], kinds: str) -> za
 
 
 def _check_length(path: Path, name: str, file: Path) -> None:
-    """Raises StageError for a file of Blosc that is cut, or longer than it says of itself.
+    """Raises StageError for a Blosc file that is shorter or longer than its header says.
 
-    Its decoder believes the header, and reads on in whatever lies behind the bytes that there are.
+    The decoder trusts the header and would read memory beyond the data.
     """
     with reads(path, name), file.open("rb") as opened:
         header, size = opened.read(BLOSC_HEADER), file.stat().st_size
@@ -167,7 +167,7 @@ def _check_length(path: Path, name: str, file: Path) -> None:
 
 
 def _described(path: Path, name: str) -> dict[str, Any]:
-    """What `.zarray` says of an array. Raises StageError where that is not a plain array of numbers."""
+    """Metadata of an array from `.zarray`. Raises StageError unless it is a plain array of numbers."""
     file = path / name / ".zarray"
     expect(file.is_file(), path, f"{name} is missing")
     said = read_json(file, f"restore {path} from a copy")

@@ -1,7 +1,7 @@
-"""What all importers share: what a source holds, known before anything is copied, and how rows are checked.
+"""Base of all importers: contents of a source, known before anything is copied, and checks of its rows.
 
-A source is somebody else's file, of which nothing is believed: sizes are held against the bytes that are
-there, numbers against what they are to mean, and no reader is used that runs code (pickles).
+Source files are not trusted: declared sizes are compared with the bytes present, numbers with their meaning,
+and no reader is used that can run code (pickles).
 """
 
 import hashlib
@@ -23,12 +23,12 @@ from rf_exp.store import Description, decoding
 from rf_exp.types import FINGERS, Episode, camera_names
 
 MOST_ROWS = 1_000_000  # of a source's array: 14 hours of motion
-MOST_BYTES = 2**33  # of an array of one episode, and
-MOST_CHUNK_BYTES = 2**30  # of what is compressed together
-MOST_AGENTS, LARGEST_PX = 99, 8192  # as a store may have
-SHOWN = 8  # things that are named
+MOST_BYTES = 2**33  # of an array in one episode
+MOST_CHUNK_BYTES = 2**30  # of a compressed chunk
+MOST_AGENTS, LARGEST_PX = 99, 8192  # limits of a store
+SHOWN = 8  # names listed in a message
 
-# What a source may lack, and what therefore cannot be done.
+# what a source may lack -> the consequence
 CONSEQUENCES = {
     "pictures": "policies that look cannot learn",
     "poses": "policies cannot be told where objects are (policy=state); episodes cannot be drawn again",
@@ -46,27 +46,27 @@ CONSEQUENCES = {
 
 @dataclass(frozen=True)
 class Contents:
-    """What a source holds, as far as it will be taken."""
+    """Contents of a source, as far as they are imported."""
 
-    form: str  # of what kind it is, in words
+    form: str  # format, in words
     task: str
     agents: int
-    episodes: Sequence[str]  # what the source calls them
+    episodes: Sequence[str]  # their names in the source
     seeds: Sequence[int]
-    steps: Sequence[int]  # that are taken of each
+    steps: Sequence[int]  # imported steps of each episode
     cameras: Sequence[str] = ()
     size_px: tuple[int, int] = (0, 0)  # height and width of pictures
     objects: Sequence[str] = ()
-    told: str = ""  # digest of all commands: whether another source is the same one
-    disturbed: bool = False  # whether commands that are executed differ from those that are kept as meant
-    scene: Mapping[str, Any] = field(default_factory=dict)  # where arms and cameras stand, as in an identity
+    told: str = ""  # digest of all commands, to recognise the same source
+    disturbed: bool = False  # whether executed commands differ from the intended ones
+    scene: Mapping[str, Any] = field(default_factory=dict)  # poses of arms and cameras, as in an identity
     description: Description | None = None
     missing: Sequence[str] = ()  # keys of CONSEQUENCES
     notes: Sequence[str] = ()  # what was left out or changed
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the store of it is made of."""
+        """Identity of the store that it is imported to."""
         imported = {
             "format": self.form,
             "episodes": len(self.seeds),
@@ -79,37 +79,37 @@ class Contents:
 
 
 class Source(ABC):
-    """Demonstrations of somebody else, surveyed: what can be wrong without reading pictures is known."""
+    """Surveyed demonstrations of another data set, checked as far as possible without reading pictures."""
 
     contents: Contents
 
     @abstractmethod
     def episode(self, index: int) -> Episode:
-        """One of those of `contents`. Raises StageError where it cannot be read."""
+        """Episode `index` of `contents`. Raises StageError where it cannot be read."""
 
     @abstractmethod
     def close(self) -> None:
-        """Lets go of its files."""
+        """Closes its files."""
 
 
 def reads(path: Path, what: str) -> AbstractContextManager[None]:
-    """Turns what a decoder raises on bytes that it does not understand, or the system, into a StageError."""
+    """Turns errors of a decoder or of the system into a StageError."""
     return decoding(path, lambda why: refused(path, f"{what} cannot be read {why}"))
 
 
 def refused(path: Path, what: str) -> StageError:
-    """The error for a source that is not as its format says."""
+    """The error for a source that violates its format."""
     return StageError(f"{path} cannot be imported: {what}; restore it from a copy, or make it again")
 
 
 def expect(holds: bool, path: Path, what: str) -> None:
-    """Raises StageError unless something is as the format says; `what` is."""
+    """Raises StageError, saying `what` was found, unless a rule of the format holds."""
     if not holds:
         raise refused(path, what)
 
 
 def checked_shape(path: Path, name: str, shape: Sequence[int], row: Sequence[int | None]) -> None:
-    """Raises StageError unless an array has rows of that shape (None: any), as many as can be."""
+    """Raises StageError unless an array has rows of that shape (None: any), at most `MOST_ROWS` of them."""
     fits = len(shape) == len(row) + 1 and all(
         wanted in (None, size) for size, wanted in zip(shape[1:], row, strict=True)
     )
@@ -119,7 +119,7 @@ def checked_shape(path: Path, name: str, shape: Sequence[int], row: Sequence[int
 
 
 def numbers(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float32]:
-    """Finite float32 of what was read. Raises StageError."""
+    """The values as float32. Raises StageError for values that are not finite."""
     with np.errstate(over="ignore"):
         found = values.astype(np.float32)
     expect(bool(np.isfinite(found).all()), path, f"{name} holds values that are not finite numbers")
@@ -127,7 +127,7 @@ def numbers(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def commands(path: Path, name: str, told: NDArray[Any]) -> NDArray[np.float32]:
-    """(T, N, 8) as told, (T, N * 8) or (T, N, 8). Raises StageError for what is no joint target in rad."""
+    """Commands (T, N, 8) from (T, N * 8) or (T, N, 8). Raises StageError unless joint targets are in rad."""
     found = numbers(path, name, told).reshape(len(told), prod(told.shape[1:]) // COMMAND, COMMAND)
     beyond = within_limits(found)[1]
     expect(
@@ -140,15 +140,15 @@ def commands(path: Path, name: str, told: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def assumed_qpos(told: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Joints (..., 9) of arms that are where they are told to be (..., 8), fingers as far open as told."""
+    """qpos (..., 9) of arms that follow their commands (..., 8) exactly, fingers included."""
     fingers = DEFAULT.hand.opening_m(told[..., -1:]).astype(np.float32)
     return np.concatenate([told[..., :-1], *[fingers] * FINGERS], axis=-1)
 
 
 def counted_subgoals(told: NDArray[np.float32]) -> tuple[NDArray[np.int16], list[list[str]]]:
-    """(T, N) how often each gripper has changed in an episode (T, N, 8), and texts of these numbers.
+    """(T, N) number of gripper changes so far in an episode (T, N, 8), and a text for each number.
 
-    All begin open. It is what keypoints are, too: where an arm is when its gripper changes.
+    Grippers begin open. Keyframes are the same moments: those at which the own gripper changes.
     """
     changed = np.diff(told[..., -1] > 0, axis=0, prepend=True)
     count = np.minimum(np.cumsum(changed, axis=0), np.iinfo(np.int16).max)
@@ -159,25 +159,25 @@ def counted_subgoals(told: NDArray[np.float32]) -> tuple[NDArray[np.int16], list
 def kept(
     told: NDArray[np.float32], executed: NDArray[np.float32] | None, disturbed: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """`action` and `executed` of an episode: what is beyond a limit is meant at it, executed as it was."""
+    """`action` of an episode, clipped to the limits, and `executed`, not clipped; None unless disturbed."""
     return within_limits(told)[0], (told if executed is None else executed) if disturbed else None
 
 
 def ordered(cameras: Iterable[str], agents: int) -> list[str]:
-    """The cameras of a store in its order: global, those of the agents, others."""
+    """Cameras in the order of a store: global, those of the agents, others."""
     usual = camera_names("all", agents)
     return sorted(cameras, key=lambda name: (usual.index(name) if name in usual else len(usual), name))
 
 
 def checked_name(path: Path, task: str) -> str:
-    """The name of the task of a source. Raises ArgumentError where nothing tells it."""
+    """The task name of a source. Raises ArgumentError where it is empty or invalid."""
     if not task:
         raise ArgumentError(f"{path} does not say of which task it is; say so, as in --task lift_barrier")
     return checked_task(task)
 
 
 def digest_of(told: Sequence[NDArray[np.float32]], seeds: Sequence[int]) -> str:
-    """Tells commands of episodes (T, N, 8) and their seeds from any others."""
+    """SHA-256 of the commands (T, N, 8) and seeds of episodes, shortened to 16 hexadecimal digits."""
     sha = hashlib.sha256()
     for seed, each in zip(seeds, told, strict=True):
         sha.update(f"{seed} {each.shape}".encode())
@@ -186,7 +186,7 @@ def digest_of(told: Sequence[NDArray[np.float32]], seeds: Sequence[int]) -> str:
 
 
 def bounds_note(told: Sequence[NDArray[np.float32]]) -> list[str]:
-    """What is said of commands beyond their limits; nothing where there are none."""
+    """Note on commands beyond their limits; empty where there are none."""
     beyond = [within_limits(each)[1] for each in told]
     if not any(beyond):
         return []
@@ -197,7 +197,7 @@ def bounds_note(told: Sequence[NDArray[np.float32]]) -> list[str]:
 
 
 def own_seeds(found: Sequence[int | None]) -> tuple[list[int], bool]:
-    """The seeds of episodes, and whether all are known and differ; else numbers from 0."""
+    """Seeds of the episodes and True where all are known and differ; else numbers from 0 and False."""
     known = [seed for seed in found if seed is not None]
     if len(known) == len(found) and len({*known}) == len(known):
         return known, True
@@ -205,5 +205,5 @@ def own_seeds(found: Sequence[int | None]) -> tuple[list[int], bool]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first of them."""
+    """The first names, and how many more there are."""
     return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")

@@ -1,4 +1,4 @@
-"""Where arms and cameras stand, by what a simulator recorded of them."""
+"""Poses of arm bases and cameras from a simulator's recordings."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,19 +12,19 @@ from rf_exp.data.recordepisode import GL_FROM_CV
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import Matrix, from_quaternion, inverse
 
-SAME = 1e-4  # m, parts of a rotation, px, degrees: less is the same
-SQUARE = 1e-3  # by which pixels may be higher than wide, and a rotation may be none, as a part
+SAME = 1e-4  # largest difference of equal values: m, entries of a rotation, px, degrees
+SQUARE = 1e-3  # tolerance for square pixels (relative), for rotations and unit quaternions
 
 
 class Stand(NamedTuple):
-    """Where a camera stands."""
+    """Field of view and pose of a camera."""
 
     fov_deg: float  # vertical
     world_from_camera: Matrix  # (4, 4): x right, y down, z forward
 
 
 def base_of(poses: NDArray[np.float64]) -> Matrix | None:
-    """(4, 4) of poses (T, 7) in m with quaternions; None where they move, tilt, or are no poses."""
+    """Base pose (4, 4) from poses (T, 7) in m with quaternions; None if they move, tilt or are invalid."""
     if (np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1) > SQUARE).any():
         return None
     found = from_quaternion(poses)
@@ -32,10 +32,10 @@ def base_of(poses: NDArray[np.float64]) -> Matrix | None:
 
 
 def stand_of(read: Mapping[str, NDArray[np.float64]], size_px: tuple[int, int]) -> Stand | str:
-    """Where a camera with pictures of this height and width stands, or why that cannot be said.
+    """Field of view and pose of a camera with pictures of this height and width, or why they are unknown.
 
-    By its parameters (T, ...): `intrinsic_cv` (3, 3) px, and `extrinsic_cv` (3, 4), camera_from_world with
-    axes of OpenCV, or `cam2world_gl` (4, 4), world_from_camera with those of OpenGL, or both.
+    `read` has its parameters (T, ...): `intrinsic_cv` (3, 3) px, and `extrinsic_cv` (3, 4), camera_from_world
+    with axes of OpenCV, or `cam2world_gl` (4, 4), world_from_camera with those of OpenGL, or both.
     """
     if any(not len(each) or np.ptp(each, axis=0).max() > SAME for each in read.values()):
         return "it moves, or its parameters are empty"
@@ -62,7 +62,7 @@ def stand_of(read: Mapping[str, NDArray[np.float64]], size_px: tuple[int, int]) 
 
 
 def spec_of(stand: Stand) -> CameraSpec:
-    """The camera of a task's configuration that stands there."""
+    """The camera specification, as in a task's configuration, with this pose and field of view."""
     pose = stand.world_from_camera
     eye_m, target_m = pose[:3, 3], pose[:3, 3] + pose[:3, 2]
     spec = CameraSpec((*eye_m.tolist(),), (*target_m.tolist(),), stand.fov_deg)
@@ -71,7 +71,7 @@ def spec_of(stand: Stand) -> CameraSpec:
 
 
 def planar_of(world_from_base: Matrix) -> dict[str, float]:
-    """Where an upright base (4, 4) stands, as a task's configuration says it."""
+    """Pose of an upright base (4, 4), as in a task's configuration."""
     x, y, z = world_from_base[:3, 3].tolist()
     yaw_deg = float(np.rad2deg(np.arctan2(world_from_base[1, 0], world_from_base[0, 0])))
     return {"x_m": x, "y_m": y, "yaw_deg": yaw_deg} | ({"z_m": z} if abs(z) > SAME else {})

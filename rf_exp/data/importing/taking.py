@@ -1,6 +1,6 @@
-"""Import: demonstrations of somebody else become a store, with a card that says what is missing.
+"""Import command: copies a source into a store, with a card that lists what is missing.
 
-It goes on where it was left: an episode that is in the store is not read again.
+An interrupted import resumes: episodes already in the store are not read again.
 """
 
 from collections.abc import Sequence
@@ -27,11 +27,11 @@ POSSIBLE = (
 def import_demonstrations(
     paths: Sequence[Path], to: Path, task: str | None = None, dry_run: bool = False
 ) -> None:
-    """Makes the store `to` of a file, a folder, or the folders of all arms; goes on where it was left.
+    """Imports a file, a folder, or the folders of all arms into the store `to`; resumes if interrupted.
 
-    `task` is its name, where the source does not say or to have another one. Raises ArgumentError for what is
-    none of the known formats, StageError for a source that is not as its format says, where something else is
-    at `to`, and where that cannot be written.
+    `task` is the task name, where the source has none or to override it. Raises ArgumentError for an unknown
+    format, StageError for a source that violates its format, where `to` is something else, and where it
+    cannot be written.
     """
     with closing(opened(paths, task)) as source:
         said = source.contents
@@ -52,8 +52,8 @@ def import_demonstrations(
 
 
 def _copy(source: Source, to: Path) -> list[str]:
-    """The episodes that are not in the store yet, and what is wrong with them."""
-    from rf_exp.stages import owned  # with what stages need, which help does without
+    """Copies the episodes that the store lacks; returns what is wrong with them."""
+    from rf_exp.stages import owned  # imports what stages need, which --help does not
 
     said, wrong = source.contents, list[str]()
     with owned(to), _store(source, to) as store:
@@ -79,7 +79,7 @@ def _store(source: Source, to: Path) -> Store:
 
 
 def opened(paths: Sequence[Path], task: str | None) -> Source:
-    """A source of one of the known formats, surveyed. Raises ArgumentError and StageError."""
+    """Opens and surveys a source of a known format. Raises ArgumentError and StageError."""
     for path in paths:
         _refuse_others(path)
     if len(paths) == 1 and paths[0].is_dir() and not replay_buffer.is_buffer(paths[0]):
@@ -110,13 +110,13 @@ def opened(paths: Sequence[Path], task: str | None) -> Source:
 
 
 def _pickle(folder: Path) -> str:
-    """One of the pickles in a folder as the release lays them out; empty where there are none."""
+    """Path of a pickle in a folder laid out as the release's; empty where there are none."""
     files = (each for depth in ("*", "*/*", "*/*/*") for each in folder.glob(depth))
     return next((each.relative_to(folder).as_posix() for each in files if each.suffix in PICKLES), "")
 
 
 def _refuse_others(path: Path) -> None:
-    """Raises ArgumentError for what no importer reads, and says what to use in its place."""
+    """Raises ArgumentError for a path that no importer reads, naming alternatives."""
     try:
         if not path.exists():
             raise ArgumentError(f"there is nothing at {path}; {POSSIBLE}")

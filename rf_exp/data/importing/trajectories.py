@@ -1,7 +1,7 @@
-"""What is in a file of ManiSkill's RecordEpisode, the raw demonstrations of the authors' release.
+"""Import of files of ManiSkill's RecordEpisode, the raw demonstrations of the authors' release.
 
-Where objects, arms and cameras stood is in `env_states` and `sensor_param`. What is not in every trajectory,
-of cameras and objects, is left out of all: a store has the same arrays for each episode.
+Poses of objects, arms and cameras are in `env_states` and `sensor_param`. Cameras and objects that some
+trajectory lacks are left out of all: a store has the same arrays for each episode.
 """
 
 import re
@@ -44,10 +44,10 @@ _TRAJECTORY = re.compile(r"traj_(\d{1,9})")
 
 
 class Trajectories(Source):
-    """Those of a file that succeed."""
+    """Source of the trajectories of a file, but for those known to fail."""
 
     def __init__(self, path: Path, file: Any, task: str, said: Mapping[str, Any]) -> None:
-        """`said` is what the JSON file says, empty without one. Raises StageError."""
+        """`said` is the content of the JSON file, empty without one. Raises StageError."""
         self._path, self._file, self._notes = path, file, list[str]()
         entries, survey = _entries(path, said), Survey(path, file)
         names = hdf5.names(path, file)
@@ -70,7 +70,7 @@ class Trajectories(Source):
             self._notes.append(f"{surplus} rows after the first success were left out")
         if entries:
             self._notes.append(f"{path.name} lacks {len(entries)} trajectories of which its JSON file tells")
-        self._cameras = self._named_cameras(agents[0])  # camera -> its name there
+        self._cameras = self._named_cameras(agents[0])  # camera -> its name in the file
         self._objects = self._in_all("object", [each.bodies for each in self._found])
         self._notes += survey.notes
         self.contents = self._contents(task, agents[0])
@@ -110,7 +110,7 @@ class Trajectories(Source):
         return numbers(self._path, dataset.name, self._rows(dataset, steps))
 
     def _joints(self, one: Trajectory, steps: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """qpos and qvel (T, N, 9): as observed, or as the simulator's state says, or as commanded."""
+        """qpos and qvel (T, N, 9): observed, else from the simulator's state, else as commanded."""
         if one.joints:
             qpos, qvel = zip(*one.joints, strict=True)
             measured = [[self._read(each, steps) for each in datasets] for datasets in (qpos, qvel)]
@@ -126,7 +126,7 @@ class Trajectories(Source):
         return {f"depth_{camera}": np.maximum(d, 0).astype(np.uint16)[..., 0] for camera, d in found.items()}
 
     def _in_all(self, what: str, each: Sequence[Mapping[str, Any]]) -> list[str]:
-        """The names that all trajectories have, and that can be in the name of an array."""
+        """Names that all trajectories have and that an array name may contain."""
         names = sorted(set[str]().union(*each))
         found = [name for name in names if all(name in one for one in each) and hdf5.NAME.fullmatch(name)]
         if lost := [name for name in names if name not in found]:
@@ -135,7 +135,7 @@ class Trajectories(Source):
         return found
 
     def _named_cameras(self, agents: int) -> dict[str, str]:
-        """Cameras with their names there, all of one size: that of the first agent's, or of the first."""
+        """Camera -> its name in the file; all have the size of the first agent's camera, or the first's."""
         found: dict[str, str] = {}
         for name in self._in_all("camera", [each.rgb for each in self._found]):
             camera = camera_of(name, agents)
@@ -200,7 +200,7 @@ class Trajectories(Source):
         )
 
     def _calibration(self, one: Trajectory) -> dict[str, Any]:
-        """Where things stand in a trajectory, as a certificate says it."""
+        """Calibration of a trajectory, as in a certificate."""
         cameras = {
             camera: {"fov_deg": stand.fov_deg, "parent_from_camera": plain(stand.world_from_camera)}
             for camera, name in self._cameras.items()
@@ -212,7 +212,7 @@ class Trajectories(Source):
 def _description(
     task: str, usual: Trajectory, stands: Mapping[str, Stand], size_px: tuple[int, int], depth: bool
 ) -> Description:
-    """What the store of trajectories that end in success says of itself; width and height of pictures."""
+    """Description of a store whose trajectories all end in success; `size_px`: width, height of pictures."""
     models = {
         camera: CameraModel(*size_px, float(np.deg2rad(stand.fov_deg)), stand.world_from_camera)
         for camera, stand in stands.items()
@@ -234,7 +234,7 @@ def _description(
 
 
 def _alike(one: Trajectory, other: Trajectory) -> bool:
-    """Whether arms and cameras stand alike in two trajectories."""
+    """Whether arms and cameras have the same poses in two trajectories."""
     pairs = list(zip(one.bases, other.bases, strict=True))
     for name in one.stands.keys() & other.stands.keys():
         a, b = one.stands[name], other.stands[name]
@@ -245,7 +245,7 @@ def _alike(one: Trajectory, other: Trajectory) -> bool:
 
 
 def _judged(steps: int) -> Judged:
-    """An episode that has succeeded with its last action."""
+    """Conditions of an episode that succeeds with its last action."""
     holds = last(steps)[:, None]
     value = holds.astype(np.float32)
     unit = np.full(holds.shape, UNITS.index(""), np.uint8)
@@ -253,7 +253,7 @@ def _judged(steps: int) -> Judged:
 
 
 def read(path: Path, file: Any, task: str | None) -> Trajectories:
-    """Those in an open file, with what the JSON file beside it says. Raises StageError, ArgumentError."""
+    """Source of an open file, with the JSON file beside it if any. Raises StageError, ArgumentError."""
     beside, said = path.with_suffix(".json"), {}
     if beside.is_file():
         said = read_json(beside, "restore it from a copy, or import the .h5 from a folder without it")
@@ -273,7 +273,7 @@ def _object(value: object) -> Mapping[str, Any]:
 
 
 def _entries(path: Path, said: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
-    """What the JSON file says of each trajectory, by its number."""
+    """Trajectory number -> its entry in the JSON file."""
     episodes = said.get("episodes", [])
     expect(isinstance(episodes, list), path, "episodes of its JSON file is no list")
     found: dict[int, Mapping[str, Any]] = {}
@@ -287,6 +287,6 @@ def _entries(path: Path, said: Mapping[str, Any]) -> dict[int, Mapping[str, Any]
 
 
 def _expect_joint_targets(path: Path, mode: object) -> None:
-    """Raises StageError for commands that are said to be others; limits of joints judge the rest."""
+    """Raises StageError for another declared control mode; undeclared ones are judged by joint limits."""
     for each in mode.values() if isinstance(mode, dict) else [mode]:
         expect(each in (None, CONTROL_MODE), path, f"its control mode is {each!r}; expected {CONTROL_MODE}")

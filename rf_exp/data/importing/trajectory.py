@@ -1,7 +1,7 @@
-"""What is in one trajectory of ManiSkill's RecordEpisode. The layout: `rf_exp.data.recordepisode`.
+"""Survey of single trajectories of ManiSkill's RecordEpisode. The layout: `rf_exp.data.recordepisode`.
 
-Row t is what was measured before action t. The rows up to the first success are taken, and no more than all
-arrays have: merged files may lack frames.
+Row t is measured before action t. Rows up to the first success are imported, and no more than the shortest
+array has: merged files may lack frames.
 """
 
 import re
@@ -21,42 +21,42 @@ from rf_exp.data.release import COMMAND, MEASURED
 from rf_exp.store import POSE
 from rf_exp.transforms import Matrix
 
-SCENERY = ("ground", "table-workspace")  # bodies that no task is about
+SCENERY = ("ground", "table-workspace")  # bodies that are not objects of a task
 PARAMETERS = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
 
-_ARM = re.compile(r"panda(?:_wristcam)?(?:(?:-agent)?-(\d{1,2}))?")  # a single one may have no number
+_ARM = re.compile(r"panda(?:_wristcam)?(?:(?:-agent)?-(\d{1,2}))?")  # a single arm may have no number
 
 
 @dataclass
 class Trajectory:
-    """One of a file, as far as it is taken. Datasets are h5py's, of which the first T rows are meant."""
+    """One trajectory, as far as it is imported: the first T rows of its h5py datasets."""
 
     name: str
-    told: NDArray[np.float32]  # (T, N, 8)
+    told: NDArray[np.float32]  # (T, N, 8) commands
     seed: int | None
-    why_not: str = ""  # it cannot be taken at all
-    lacks: str = ""  # what made it shorter than its commands
+    why_not: str = ""  # reason why it cannot be imported
+    lacks: str = ""  # the array that is shorter than the commands
     surplus: int = 0  # rows after its first success
     judged: bool = False  # whether its last row is known to be its first success
-    executed: NDArray[np.float32] | None = None  # (T, N, 8) where the file tells it from what was meant
-    joints: list[tuple[Any, Any]] = field(default_factory=list)  # qpos and qvel of each arm, or
-    states: list[Any] = field(default_factory=list)  # their states, which end with both
-    rgb: dict[str, Any] = field(default_factory=dict)  # camera, by its name there -> pictures
+    executed: NDArray[np.float32] | None = None  # (T, N, 8) where it is kept beside the intended actions
+    joints: list[tuple[Any, Any]] = field(default_factory=list)  # (qpos, qvel) of each arm; may be empty
+    states: list[Any] = field(default_factory=list)  # state of each arm, ends with both; may be empty
+    rgb: dict[str, Any] = field(default_factory=dict)  # name of a camera in the file -> pictures
     depth: dict[str, Any] = field(default_factory=dict)
     bodies: dict[str, Any] = field(default_factory=dict)  # object -> its states
     bases: list[Matrix] = field(default_factory=list)  # world_from_base (4, 4) of each arm; empty: not known
-    stands: dict[str, Stand] = field(default_factory=dict)  # camera, by its name there -> where that is known
+    stands: dict[str, Stand] = field(default_factory=dict)  # name of a camera in the file -> pose if known
 
 
 class Survey:
-    """Looks at the trajectories of a file, without reading pictures."""
+    """Surveys the trajectories of a file, without reading pictures."""
 
     def __init__(self, path: Path, file: Any) -> None:
         self._path, self._file = path, file
-        self.notes: dict[str, None] = {}  # what was left out of some trajectory, or is not known of it
+        self.notes: dict[str, None] = {}  # what was left out of some trajectory or is unknown
 
     def of(self, name: str, entry: Mapping[str, Any]) -> Trajectory:
-        """What there is of a trajectory, of which the JSON file says `entry`. Raises StageError."""
+        """Surveys one trajectory; `entry` is its entry in the JSON file. Raises StageError."""
         path, group = self._path, hdf5.subgroup(self._path, self._file, name)
         expect(group is not None, path, f"{name} is missing")
         arms = self._arms(group)
@@ -95,7 +95,7 @@ class Survey:
         return one
 
     def _arms(self, group: Any) -> list[str]:
-        """What is added to the name of a group for each arm: nothing where there is one arm."""
+        """Path suffix of each arm, such as `/panda-0`; a single empty one where actions have no group."""
         found = hdf5.member(self._path, group, "actions")
         expect(found is not None, self._path, f"{group.name} has no actions")
         if not hdf5.is_group(found):
@@ -112,13 +112,13 @@ class Survey:
         return commands(self._path, datasets[0].name, np.stack(rows, axis=1))
 
     def _joints(self, group: Any, arm: str) -> tuple[Any, Any] | None:
-        """Measured joints of an arm and their velocities."""
+        """Datasets of the measured joints of an arm and of their velocities; None where one is missing."""
         names = (f"obs/agent{arm}/{what}" for what in ("qpos", "qvel"))
         qpos, qvel = (hdf5.array(self._path, group, name, (MEASURED,), "f") for name in names)
         return None if qpos is None or qvel is None else (qpos, qvel)
 
     def _bodies(self, group: Any, agents: int, one: Trajectory) -> None:
-        """The states of objects, and of arms where there are those of all."""
+        """Adds the states of objects, and those of arms where all are recorded."""
         arms: dict[int, Any] = {}
         for kind in ("actors", "articulations"):
             bodies = hdf5.subgroup(self._path, group, f"env_states/{kind}")
@@ -134,7 +134,7 @@ class Survey:
             one.states = [arms[k] for k in range(agents)]
 
     def _seen(self, group: Any, one: Trajectory) -> None:
-        """Pictures, and their depth."""
+        """Adds pictures and depth."""
         cameras = hdf5.subgroup(self._path, group, "obs/sensor_data")
         for name in hdf5.names(self._path, cameras) if cameras is not None else ():
             rgb = hdf5.array(self._path, cameras, f"{name}/rgb", (None, None, 3), "u")
@@ -151,7 +151,7 @@ class Survey:
                 one.depth[name] = depth
 
     def _standing(self, group: Any, one: Trajectory, steps: int) -> None:
-        """Where arms and cameras stand, as far as they stand still and upright."""
+        """Adds the base poses where all are static and upright, and the poses of static cameras."""
         path = self._path
         roots = [numbers(path, each.name, hdf5.rows(path, each, 0, steps)) for each in one.states]
         bases = [base_of(root[:, : len(POSE)].astype(float)) for root in roots]
@@ -177,7 +177,7 @@ class Survey:
 
 
 def _seed(entry: Mapping[str, Any]) -> int | None:
-    """That of the scene; a list of one where environments run side by side."""
+    """Scene seed of a trajectory, or None; environments that run in parallel record a list of one."""
     found = entry.get("episode_seed")
     found = found[0] if isinstance(found, list) and len(found) == 1 else found
     return found if type(found) is int and 0 <= found < 2**63 else None

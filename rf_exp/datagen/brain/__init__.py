@@ -65,7 +65,7 @@ SPECS = {spec.name: spec for spec in (ScriptedSpec, OpenAISpec, ReplaySpec, Faul
 
 
 def read_brain(node: Mapping[str, Any]) -> BrainSpec:
-    """The specification in a mapping of plain values. Raises ArgumentError that names the key."""
+    """The brain specification in a mapping of plain values. Raises ArgumentError that names the key."""
     options = {key: value for key, value in node.items() if key != "name"}
     name = node.get("name")
     if name not in SPECS:
@@ -80,5 +80,5 @@ def read_brain(node: Mapping[str, Any]) -> BrainSpec:
 
 
 def _number(value: object) -> object:
-    """YAML's `1` where `1.0` is meant."""
+    """Converts YAML's `1` where `1.0` is meant."""
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value

@@ -1,4 +1,4 @@
-"""Mistakes that a proposal can hold, by name. Each takes a sound proposal and puts one mistake in."""
+"""Named faults of proposals. Each takes a sound proposal and inserts one mistake."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -42,14 +42,14 @@ TOO_HIGH_M = 3.0
 IN_THE_WAY_M = 0.1
 FAR_M = 1.6
 UNDER_M = 0.02
-CRAWLS_M_S, SOON_S = 0.02, 2.0  # 4 cm
+CRAWLS_M_S, SOON_S = 0.02, 2.0  # together 4 cm
 
 T = TypeVar("T")
 Change = Callable[[Proposal, Question, np.random.Generator], Proposal]
 
 
 class _NoRoom(Exception):
-    """There is no place for the mistake in a proposal."""
+    """Raised for a proposal that does not admit the fault."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class Fault:
 
     name: str
     made: Change
-    breaks: bool  # True: something that was demanded cannot hold; False: a demand is left out
+    breaks: bool  # True: a demand cannot be met; False: a demand is left out
 
     def change(self, proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
-        """The proposal with the mistake in it; None where there is no room for it."""
+        """The proposal with the fault in it; None where it does not admit the fault."""
         try:
             return self.made(proposal, question, rng)
         except _NoRoom:
@@ -72,20 +72,20 @@ FAULTS: dict[str, Fault] = {}
 
 
 def fault(made: Change, *, breaks: bool = True) -> Change:
-    """Lists what changes a proposal among the faults; it has its name."""
+    """Decorator that registers a function as the fault of the same name."""
     name = made.__name__  # pyright: ignore[reportFunctionMemberAccess]
     FAULTS[name] = Fault(name, made, breaks)
     return made
 
 
 def fault_named(fault: str) -> Fault:
-    """The fault of that name. Raises ArgumentError that lists them."""
+    """The fault of that name. Raises ArgumentError that lists all names."""
     if fault not in FAULTS:
         raise choices("fault", fault, FAULTS)
     return FAULTS[fault]
 
 
-# -- where and how an object is met
+# -- contacts
 @fault
 def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent grasps an object at another of its points than the constraint demands."""
@@ -126,7 +126,7 @@ def uneven_height(proposal: Proposal, question: Question, rng: np.random.Generat
     return exchanged(proposal, chosen, replace(chosen, height_m=(chosen.height_m or 0.0) + UNEVEN_M))
 
 
-# -- who does what, and with what
+# -- agents and objects
 @fault
 def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two agents have each other's subgoals; the constraints still speak of the right ones."""
@@ -143,20 +143,20 @@ def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator
 
 @fault
 def unknown_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """A constraint speaks of an agent that is not there."""
+    """A constraint names an agent that does not exist."""
     return with_constraint(proposal, AvoidAgents((len(question.task.agents) + 1,)))
 
 
 @fault
 def missing_object(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """A subgoal is about an object that is not there."""
+    """A subgoal names an object that does not exist."""
     chosen = choose([s for s in proposal.subgoals if s.object], rng)
     return exchanged(proposal, chosen, replace(chosen, object=f"second_{chosen.object}"))
 
 
 @fault
 def missing_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """Something is to be put at a place that is not there."""
+    """An object is to be placed at a target that does not exist."""
     chosen = choose([s for s in proposal.subgoals if s.target], rng)
     return exchanged(proposal, chosen, replace(chosen, target="nowhere", target_point=None))
 
@@ -181,7 +181,7 @@ def missing_constraint(proposal: Proposal, question: Question, rng: np.random.Ge
 
 @fault
 def unreadable_constraint(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """A constraint is stated in words that no check stands for."""
+    """A constraint is worded so that it matches no check."""
     chosen = int(rng.choice(question.task.agents))
     text = f"{agent_name(chosen)} should mind its manners."
     return with_constraint(proposal, understood(text, question.task.vocabulary, "spatial", (chosen,)))
@@ -204,14 +204,14 @@ def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generat
 
 @fault
 def circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """An order is demanded both ways round."""
+    """An order is demanded in both directions."""
     order = choose(list(orders(proposal)), rng)
     return with_constraint(proposal, Before(order[1], order[0]))
 
 
 @fault
 def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """One of two agents that must act together is told to wait for the other."""
+    """One of two agents that must act together has to wait for the other."""
     together = choose([c for c in proposal.constraints if isinstance(c, Together)], rng)
     late, other = (int(agent) for agent in rng.permutation(together.agents[:2]))
     return with_constraint(proposal, Before(Step(other), Step(late), APART_S))
@@ -219,17 +219,17 @@ def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.
 
 @fault
 def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """An agent is to be finished before it can have moved."""
+    """An agent has to be done before it can have moved."""
     movers = [s.agent for s in proposal.subgoals if s.verb not in ("hold", "home")]
     if not movers:
         raise _NoRoom
     return with_constraint(proposal, Deadline(Step(int(rng.choice(movers))), TOO_SOON_S))
 
 
-# -- room
+# -- space
 @fault
 def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """An agent has to go through another arm, which grasps something there and is told no more."""
+    """An agent has to pass through another arm, which grasps an object there and then stays."""
     options = [
         (parked, goes.agent)
         for parked, goes in product(contacts(proposal), proposal.subgoals)
@@ -245,7 +245,7 @@ def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator
 
 @fault
 def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """An agent is to lift something higher than its arm reaches."""
+    """An agent has to lift an object higher than its arm reaches."""
     lifts = [s for s in proposal.subgoals if s.verb == "lift"]
     if lifts:
         lift = choose(lifts, rng)
@@ -258,7 +258,7 @@ def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Ge
 
 @fault
 def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """A constraint forbids the space around the very point that an agent is to reach."""
+    """A constraint forbids the space around the very point that an agent has to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
     centre = contact_pose(chosen, question)[:3, 3]
     low, high = (np.round(centre + side, 3) + 0.0 for side in (-ZONE_HALF_M, ZONE_HALF_M))
@@ -268,7 +268,7 @@ def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Genera
 # -- limits that cannot be kept
 @fault
 def impossible_distance(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """Two agents that work side by side are to keep their grippers farther apart than they can."""
+    """Two agents that work side by side have to keep their grippers farther apart than they can."""
     pairs = [
         (one.agent, other.agent)
         for one, other in product(contacts(proposal), contacts(proposal))
@@ -279,15 +279,15 @@ def impossible_distance(proposal: Proposal, question: Question, rng: np.random.G
 
 @fault
 def impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """What an agent puts somewhere may not be tilted at all, not even by what no such motion is without."""
-    # A lift alone is no room for it: straight up, the tilt may be exactly none.
+    """An object that an agent places may not be tilted at all, which no such motion achieves."""
+    # A lift alone does not admit it: straight up, the tilt may be exactly zero.
     chosen = choose([s for s in proposal.subgoals if s.verb == "place" and s.object], rng)
     return with_constraint(proposal, KeepLevel(chosen.object or "", 0.0, chosen.agent))
 
 
 @fault
 def impossible_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """An agent is to keep its gripper below the very point that it is to reach."""
+    """An agent has to keep its gripper below the very point that it has to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
     height_m = float(contact_pose(chosen, question)[2, 3])
     return with_constraint(proposal, KeepHeight(chosen.agent, max(0.0, round(height_m - UNDER_M, 3))))
@@ -295,13 +295,13 @@ def impossible_height(proposal: Proposal, question: Question, rng: np.random.Gen
 
 @fault
 def impossible_speed(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
-    """An agent is to move very slowly, and to be done soon."""
+    """An agent has to move very slowly, and to be done soon."""
     chosen = choose(contacts_in_place(proposal), rng)
     slowly = with_constraint(proposal, SpeedLimit(chosen.agent, CRAWLS_M_S))
     return with_constraint(slowly, Deadline(Step(chosen.agent), SOON_S))
 
 
-# -- what they are made of
+# -- helpers
 def choose(options: Sequence[T], rng: np.random.Generator) -> T:
     if not options:
         raise _NoRoom
@@ -314,25 +314,25 @@ def contacts(proposal: Proposal) -> list[Subgoal]:
 
 
 def orders(proposal: Proposal) -> Iterator[tuple[Step, Step]]:
-    """The orders of subgoals that are demanded: what comes first, and what waits for it."""
+    """The demanded orders of subgoals: the first step, and the step that waits for it."""
     for each in proposal.constraints:
         if isinstance(each, Before) and isinstance(each.first, Step) and each.first.verb and each.then.verb:
             yield each.first, each.then
 
 
 def is_brought(proposal: Proposal, contact: Subgoal) -> bool:
-    """Whether another agent moves the object before the contact, so that it is met at another place."""
+    """Whether a demanded order moves the object before the contact, which then takes place elsewhere."""
     meets = Step(contact.agent, contact.verb, contact.object)
     return any(first.object == contact.object and then == meets for first, then in orders(proposal))
 
 
 def contacts_in_place(proposal: Proposal) -> list[Subgoal]:
-    """Those that meet their object where it stands now."""
+    """Contacts with objects at their present poses."""
     return [each for each in contacts(proposal) if not is_brought(proposal, each)]
 
 
 def goal_m(subgoal: Subgoal, question: Question) -> NDArray[np.float64] | None:
-    """Where a subgoal leads (3,): its target, or else the point of its object."""
+    """The goal position (3,) of a subgoal: its target, or else the point of its object."""
     poses = {**question.task.places(question.scene), **question.scene.poses}
     if subgoal.target in poses:
         return poses[subgoal.target][:3, 3]
@@ -340,13 +340,13 @@ def goal_m(subgoal: Subgoal, question: Question) -> NDArray[np.float64] | None:
 
 
 def contact_pose(contact: Subgoal, question: Question) -> Matrix:
-    """world_from_tcp of the point that it meets, as its object stands now."""
+    """world_from_tcp of a contact, with its object at the present pose."""
     name, point = contact.object or "", contact.point or ""
     return question.scene.poses[name] @ question.task.asset(name).points[point].object_from_tcp
 
 
 def apart_m(one: Subgoal, other: Subgoal, question: Question) -> float:
-    """How far apart two subgoals lead, on the level; infinite where one leads nowhere."""
+    """The horizontal distance between the goals of two subgoals; infinite where one has no goal."""
     a, b = goal_m(one, question), goal_m(other, question)
     return float("inf") if a is None or b is None else float(np.linalg.norm(a[:2] - b[:2]))
 

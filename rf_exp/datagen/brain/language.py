@@ -1,4 +1,4 @@
-"""The RoboBrain that is a language model, live or from a recording: what it is shown and asked."""
+"""RoboBrain by a language model, live or from a recording: specifications and prompts."""
 
 import re
 from collections import Counter
@@ -34,21 +34,21 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, ConstraintSet, Pictures, camera_names
 
 JPEG_QUALITY = 90
-LONGEST_NAME = 60  # characters of a model's name in those of files
-LONGEST_SAID = 6000  # characters of its last answer that a model is shown
+LONGEST_NAME = 60  # characters of a model's name in file names
+LONGEST_SAID = 6000  # characters of its last answer that a prompt repeats
 
 
 class LanguageBrain:
-    """Puts the scene into words, asks, and has unclear constraints restated."""
+    """Language model as a brain: describes the scene in text, and has unclear constraints restated."""
 
     def __init__(self, spec: "OpenAISpec | ReplaySpec", chat: Chat) -> None:
         self.name, self._spec, self._chat = spec.name, spec, chat
-        self._said = ""  # the last answer, as it was written
+        self._said = ""  # the last answer, verbatim
 
     def accounted(self, dialogue: Dialogue) -> Dialogue:
-        """The dialogue of the episode with what the model was asked for it, once that is over.
+        """The dialogue of a finished episode, with the numbers of calls and tokens.
 
-        What became of each proposal is noted beside what was said.
+        The outcome of each proposal is recorded beside its exchange.
         """
         self._chat.judged([" ".join(filter(None, (each.ruling, each.code))) for each in dialogue.answers])
         asked, tokens = self._chat.asked, Counter[str]()
@@ -62,29 +62,29 @@ class LanguageBrain:
         schema = strict_answer(question.task, known).model_json_schema()
         pictures = live.jpegs(question.images, len(question.task.agents)) if live is not None else {}
         messages = _messages(question, pictures, self._said if question.feedback else "")
-        self._said = ""  # where the model gives none now
+        self._said = ""  # in case the model gives none now
         self._said = text = self._chat.ask("propose", messages, schema)
         if not self._spec.restate:
             return text
         try:
             proposal = from_json(text, question.task)
         except BadAnswer:
-            return text  # the loop says what is wrong with it
+            return text  # the generation loop reports the error
         return to_json(_restated(proposal, question.task, self._chat))
 
 
 @dataclass(frozen=True)
 class OpenAISpec(Connection, BrainSpec):
-    """`brain=openai`: any server that speaks chat completions."""
+    """`brain=openai`: any server with the chat completions API."""
 
     name: ClassVar[str] = "openai"
     reads: ClassVar[bool] = True
 
-    pictures: bool  # send them
-    cameras: str  # those of which: all | local | global
-    picture_px: int | None  # longer side of them, to which they are scaled; None: as the cameras take them
-    restate: bool  # have constraints restated that the grammar does not understand
-    exchanges: Path | None  # folder for what was said, in one of each model; None: it is not kept
+    pictures: bool  # whether to send them
+    cameras: str  # whose pictures to send: all | local | global
+    picture_px: int | None  # longer side to which pictures are scaled; None: as rendered
+    restate: bool  # whether constraints outside the grammar are restated
+    exchanges: Path | None  # parent of the recordings' folders, one per model; None: not recorded
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,7 +97,7 @@ class OpenAISpec(Connection, BrainSpec):
             )
 
     def check(self, taken: Pictures) -> None:
-        """Raises ArgumentError where pictures are to be sent that are not taken."""
+        """Raises ArgumentError where pictures are to be sent that are not rendered."""
         if self.cameras == "all" or not self.pictures:
             return
         if not taken.render:
@@ -112,12 +112,12 @@ class OpenAISpec(Connection, BrainSpec):
             )
 
     def jpegs(self, pictures: Mapping[str, NDArray[np.uint8]], agents: int) -> dict[str, bytes]:
-        """Camera -> JPEG, of those to be sent among pictures (H, W, 3) RGB of a scene with so many agents."""
+        """Camera -> JPEG of the pictures to send, among (H, W, 3) RGB ones of a scene with so many agents."""
         chosen = camera_names(cast(CameraChoice, self.cameras), agents) if self.pictures else ()
         return {name: self._jpeg(picture) for name, picture in pictures.items() if name in chosen}
 
     def _jpeg(self, picture: NDArray[np.uint8]) -> bytes:
-        import cv2  # slow to import for who asks no model
+        import cv2  # slow import, only for live models
 
         bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
         if self.picture_px is not None:
@@ -129,7 +129,7 @@ class OpenAISpec(Connection, BrainSpec):
 
     @property
     def label(self) -> str:
-        """With the model, whose name is made fit for one of a file."""
+        """The name with that of the model, made fit for file names."""
         model = re.sub(r"[^\w.=-]", "-", self.model, flags=re.ASCII)[:LONGEST_NAME]
         return f"{self.name}+{model}"
 
@@ -139,7 +139,7 @@ class OpenAISpec(Connection, BrainSpec):
 
     @property
     def identity(self) -> dict[str, object]:
-        """What decides the answers; patience and budget are none of it."""
+        """The options that determine the answers; time limits and budget do not."""
         keys = ("model", "base_url", "structured", "temperature", "max_tokens", "pictures", "restate")
         later = {"extra_body": None, "cameras": "all", "picture_px": None, "enumerated": False}
         said = {key: getattr(self, key) for key in (*keys, *later)}
@@ -150,7 +150,7 @@ class OpenAISpec(Connection, BrainSpec):
         return LanguageBrain(self, OpenAIChat(self, path))
 
     def again(self) -> BrainSpec:
-        """The same answers once more, without asking where they were kept."""
+        """The replay of the answers, if they are recorded."""
         return ReplaySpec(self.folder, self.restate) if self.folder else self
 
 
@@ -161,8 +161,8 @@ class ReplaySpec(BrainSpec):
     name: ClassVar[str] = "replay"
     reads: ClassVar[bool] = True
 
-    exchanges: Path  # folder of one model, as `brain=openai` left it
-    restate: bool  # as in the run that was recorded
+    exchanges: Path  # folder of one model, as written by `brain=openai`
+    restate: bool  # as in the recorded run
 
     @property
     def identity(self) -> dict[str, object]:
@@ -178,14 +178,14 @@ class ReplaySpec(BrainSpec):
 
 
 def constraint_forms() -> str:
-    """Sentences that are understood: some of every kind."""
+    """Sample sentences of the grammar, some of every kind."""
     return listed(sample.sentence for sample in samples())
 
 
 def _messages(question: Question, pictures: Mapping[str, bytes], said: str) -> tuple[Message, Message]:
-    """The system prompt, and what is known of the present scene, with JPEGs of it.
+    """The system prompt, and the description of the present scene, with JPEGs of it.
 
-    What the model has `said` last is shown to it beside what was wrong with it, so it need not guess.
+    The model's last answer (`said`) is repeated beside the objections to it, so that it need not guess.
     """
     task, scene = question.task, question.scene
     system = filled("propose", subgoals=listed(subgoal_forms()), constraints=constraint_forms())
@@ -242,12 +242,12 @@ class _Restated(BaseModel):
 
 
 def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
-    """The proposal with constraints that are not understood said again, in one call for all of them.
+    """The proposal with constraints that were not understood restated by a model, in one call for all.
 
-    The paper lets a model match each constraint to a validator and its parameters. Here it may only say the
-    constraint again, in a sentence that the grammar knows; the grammar does the matching. What a model writes
-    is read, never executed. Where it has no better sentence the constraint stays as it is, and the checker
-    says what is wrong with it: a sentence about something that does not exist is no question of wording.
+    The paper lets a model match each constraint to a validator and its parameters. Here it may only restate
+    the constraint in a sentence of the grammar, which does the matching. What a model writes is parsed, never
+    executed. Where it has no better sentence the constraint stays as it is, and the checker reports it:
+    restating cannot help a sentence about something that does not exist.
     """
     unclear = [each for each in proposal.constraints if isinstance(each, Unread)]
     if not unclear:
@@ -276,11 +276,11 @@ def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
 
 
 def filled(name: str, **parts: str) -> str:
-    """The text of `prompts/<name>.txt` with its placeholders, those of `string.Template`, filled in."""
+    """The text of `prompts/<name>.txt` with its `string.Template` placeholders filled in."""
     text = files("rf_exp.datagen.brain").joinpath("prompts", f"{name}.txt").read_text(encoding="utf-8")
     return Template(text).substitute(parts)
 
 
 def listed(lines: Iterable[str]) -> str:
-    """One line each, with a dash; `none` where there are none."""
+    """A bulleted list of lines; `none` where there are none."""
     return "\n".join(f"- {line}" for line in lines) or "none"

@@ -1,8 +1,8 @@
-"""What may be said in a scene: subgoals and constraints that are read without a complaint, all of them.
+"""Legal answers for a scene: all subgoals and constraints that the parser accepts.
 
-A brain draws from them (`RandomBrain`), and the schema of an answer can list them (`strict_answer`). They
-are legal and no more: whether an arm reaches a thing, and whether it is any use, is for planner and checks
-to say. Constraints that are made of a number (distances, speeds, deadlines, zones) are not among them.
+A brain draws from them (`RandomBrain`), and the schema of an answer can list them (`strict_answer`). Legal
+does not mean reachable or useful: planner and checks decide that. Constraints that consist of a number
+(distances, speeds, deadlines, zones) are not among them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,28 +25,28 @@ from rf_exp.statements import (
 from rf_exp.tasks import Task
 from rf_exp.types import Scene, Subgoal
 
-HEIGHTS_M = (0.05, 0.1, 0.15, 0.2)  # by which things are lifted
-PUTTING = ("place", "drop")  # kinds of points at which things are put
-TOGETHER = ("grasp", "lift")  # verbs that several arms can do at the same time with one thing
+HEIGHTS_M = (0.05, 0.1, 0.15, 0.2)  # by which objects are lifted
+PUTTING = ("place", "drop")  # kinds of points at which objects are put
+TOGETHER = ("grasp", "lift")  # verbs that several arms can do at the same time with one object
 OVER = ("lift", "place", "press", "shut", "strike")  # verbs after which another arm may go on
 
 
 @dataclass(frozen=True)
 class Legal:
-    """What may be said of one scene."""
+    """Legal subgoals and constraints of one scene."""
 
-    subgoals: Mapping[int, Sequence[Subgoal]]  # of each agent
+    subgoals: Mapping[int, Sequence[Subgoal]]  # agent -> subgoals
     constraints: Sequence[Statement]
 
     def fitting(self, subgoals: Sequence[Subgoal]) -> list[Statement]:
-        """The constraints that speak of nothing but what these subgoals are about."""
+        """The constraints that refer to nothing beyond these subgoals."""
         said = {Step(each.agent, each.verb, each.object) for each in subgoals}
         met = {(each.agent, each.object, each.point) for each in subgoals if VERBS[each.verb].is_contact}
         return [each for each in self.constraints if _fits(each, said, met)]
 
 
 def legal(task: Task, scene: Scene) -> Legal:
-    """What may be said of a scene of a task."""
+    """The legal subgoals and constraints of a scene of a task."""
     subgoals = {agent: list(_subgoals(agent, task, scene)) for agent in task.agents}
     every = [each for agent in task.agents for each in subgoals[agent]]
     constraints = [*_logical(every), *_in_time(every, task.agents), *keep_clear(task.agents)]
@@ -54,7 +54,7 @@ def legal(task: Task, scene: Scene) -> Legal:
 
 
 def _subgoals(agent: int, task: Task, scene: Scene) -> Iterator[Subgoal]:
-    """Those with every verb: about things at their points, or about those that an arm can hold."""
+    """Subgoals with every verb: for objects at their points, or for objects that an arm can hold."""
     points = task.vocabulary.points
     met = [(name, point, kind) for name, known in points.items() for point, kind in known.items()]
     held = [(name, None) for name, known in points.items() if "grasp" in known.values()]

@@ -1,9 +1,9 @@
-"""What RoboBrain is asked, and how the JSON that it answers becomes a Proposal (paper, supplementary A).
+"""RoboBrain's questions, and the parser from its JSON answers to a Proposal (paper, supplementary A).
 
-Every answer passes through here, also the scripted one, so that a plan written by a person and
-one written by a language model are the same thing to the rest of the project. A model may write its JSON
-bare, in prose, in fences, round or after its thinking, or in a tool call: exactly one object is read. Where
-there is none, or several, the error says what was found instead, fit to be sent back as feedback.
+Every answer passes through here, also the scripted one, so that the rest of the project treats hand-written
+and generated plans alike. A model may write its JSON bare, in prose, in fences, round or after its thinking,
+or in a tool call: exactly one object is read. Where there is none, or several, the error says what was found
+instead, fit to be sent back as feedback.
 """
 
 import json
@@ -38,16 +38,16 @@ from rf_exp.texts import printable
 from rf_exp.types import ANYBODY, ConstraintSet, Kind, Scene, Subgoal
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
-_COMMENTS = (  # keys under which a model says why it answers so
+_COMMENTS = (  # keys under which a model may explain its answer
     "reason reasons reasoning rationale explanation explanations thought thoughts thinking analysis comment "
     "comments note notes id index"
 )
 
-MOST_OF_A_KIND = 4  # constraints for each agent, where a schema lists what may be said
+MOST_OF_A_KIND = 4  # constraints for each agent, where a schema lists the legal ones
 LONGEST_TEXT = 200_000  # characters; an answer has a few thousand
-_DEEPEST = 4  # wrappers round an answer
-_MOST_FAILURES = 16  # braces after which no JSON comes, until the search is given up
-_BEGIN = 60  # characters of a text that are repeated
+_DEEPEST = 4  # nested wrappers round an answer
+_MOST_FAILURES = 16  # braces without valid JSON after which the search ends
+_BEGIN = 60  # characters of a text that errors quote
 _THOUGHT = r"(?:think|thinking|thought|thoughts|reasoning|analysis|reflection)"
 _OPENS, _CLOSES = re.compile(rf"<{_THOUGHT}>", re.IGNORECASE), re.compile(rf"</{_THOUGHT}>", re.IGNORECASE)
 _OBJECT = re.compile(r'\{\s*(?:["}]|$)')
@@ -59,7 +59,7 @@ _REFUSES = re.compile(
 
 
 class BadAnswer(StageError):
-    """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
+    """Raised for a missing answer, and for one that is not the paper's JSON or names what does not exist."""
 
     def __init__(self, told: object, finding: Finding = Finding.REFUSED) -> None:
         super().__init__(told)
@@ -68,48 +68,48 @@ class BadAnswer(StageError):
 
 @dataclass(frozen=True)
 class Question:
-    """What RoboBrain is asked (paper, section 3.1): task, observations, history, feedback."""
+    """Question to RoboBrain (paper, section 3.1): task, observations, history, feedback."""
 
     task: Task
     scene: Scene
     images: Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3); empty without rendering
     previous: tuple[Subgoal, ...] = ()  # subgoals that were completed
-    feedback: tuple[Violation, ...] = ()  # what RoboChecker found wrong with the last proposal
+    feedback: tuple[Violation, ...] = ()  # RoboChecker's objections to the last proposal
 
 
 class Brain(Protocol):
-    """Proposes the next subgoals and the constraints that must hold."""
+    """Source of proposals: the next subgoals and the constraints that must hold."""
 
     name: str
 
     def answer(self, question: Question) -> str:
-        """The paper's JSON as text. Raises BadAnswer where there is none to be had."""
+        """The paper's JSON as text. Raises BadAnswer where none is obtained."""
         ...
 
 
 @runtime_checkable
 class BrainSpec(Protocol):
-    """What a brain is made from, as `conf/brain/<name>.yaml` says. Implementations are frozen dataclasses.
+    """Specification of a brain, as in `conf/brain/<name>.yaml`. Implementations are frozen dataclasses.
 
-    It travels to worker processes; the brain is made there, anew for every episode.
+    It is sent to worker processes, which make a new brain for every episode.
     """
 
     name: ClassVar[str]
-    reads: ClassVar[bool] = False  # title, description and pictures of the task: they decide its answers
+    reads: ClassVar[bool] = False  # whether title, description and pictures of the task affect its answers
 
     @property
     def label(self) -> str:
-        """Which one it is, in rows and in names of files: `scripted`, `openai+gpt-4o`."""
+        """Its name in rows and in file names: `scripted`, `openai+gpt-4o`."""
         return self.name
 
     @property
     def folder(self) -> Path | None:
-        """Where what is said to a model and by it is kept; None: nowhere."""
+        """Folder of the recorded exchanges with a model; None: they are not recorded."""
         return None
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """What decides the answers, as JSON values: runs that differ here must not be mixed."""
+        """JSON values that determine the answers: runs that differ here must not be mixed."""
         return {"name": self.name}
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Brain:
@@ -117,17 +117,17 @@ class BrainSpec(Protocol):
         ...
 
     def again(self) -> "BrainSpec":
-        """The specification under which an episode that was made can be made once more, the same."""
+        """The specification that reproduces an episode which has been generated."""
         return self
 
 
 def plain(key: str) -> str:
-    """A key without what models vary: `Sub-goals` and `subgoals` are one."""
+    """A key, normalised: `Sub-goals` and `subgoals` are equal."""
     return re.sub(r"[\W_]", "", key.casefold())
 
 
 def read_object(text: str, key: str) -> dict[str, Any]:
-    """The one JSON object with `key` in a text. Raises BadAnswer that says what there is instead."""
+    """The one JSON object with `key` in a text. Raises BadAnswer that says what was found instead."""
     if len(text) > LONGEST_TEXT:
         told = f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}"
         raise BadAnswer(told, Finding.OTHER_FORM)
@@ -152,14 +152,14 @@ def read_object(text: str, key: str) -> dict[str, Any]:
         raise BadAnswer(told, Finding.OTHER_FORM)
     if not answers:
         raise BadAnswer(f"the answer is not the expected JSON: {why}", Finding.NO_JSON)
-    if why:  # an answer beside something that is broken: which of them was meant?
+    if why:  # an answer beside a broken object is ambiguous
         told = f"the answer is not the expected JSON: beside a whole object, {why}"
         raise BadAnswer(told, Finding.OTHER_FORM)
     return answers[0]
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """(what was thought, what was said). Templates leave out the first tag, or cut off before the last."""
+    """(thinking, answer). Chat templates may leave out the first tag, or cut off before the last."""
     closed = [match.end() for match in _CLOSES.finditer(text)]
     if closed:
         return text[: closed[-1]], text[closed[-1] :]
@@ -168,7 +168,7 @@ def _parted(text: str) -> tuple[str, str]:
 
 
 def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
-    """The outermost JSON objects in a text, and what is wrong with one that is none; empty for nothing."""
+    """The outermost JSON objects in a text, and the error of one that is broken; empty for none."""
     found: list[dict[str, Any]] = []
     broken, at, failures = "", 0, 0
     while failures < _MOST_FAILURES and (match := _OBJECT.search(text, at)):
@@ -176,7 +176,7 @@ def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
             value, at = _DECODER.raw_decode(text, match.start())
             found.append(value)
         except json.JSONDecodeError as error:
-            # What lies within an object that is broken is a part of it, and no answer.
+            # An object within a broken one is a part of it, and no answer.
             cut_off = error.msg.startswith("Unterminated string") or not text[error.pos :].strip(" \t\r\n`")
             failures += 1
             broken = broken or ("it is cut off" if cut_off else f"{error.msg}, line {error.lineno}")
@@ -189,7 +189,7 @@ def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object none of whose keys is there twice, of which all but the last would be lost."""
+    """The object of key-value pairs. Raises ValueError for a duplicate key: all but its last were lost."""
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
@@ -206,7 +206,7 @@ _DECODER = json.JSONDecoder(object_pairs_hook=_once, parse_constant=_no_number, 
 
 
 def _holding(value: object, key: str, depth: int = 0) -> Iterator[dict[str, Any]]:
-    """The objects with the key: this one, or one that it wraps, as a tool call does."""
+    """The objects with the key: this one, or those that it wraps, as a tool call does."""
     if isinstance(value, dict) and any(plain(name) == key for name in value):
         yield value
     elif depth < _DEEPEST:
@@ -226,10 +226,10 @@ def _without_json(text: str) -> str:
 
 
 class _Part(BaseModel):
-    """A part of an answer: its keys in any case. Others are left out where they say why, and no more."""
+    """Part of an answer, with keys in any case. Other keys are ignored if they explain, refused otherwise."""
 
     model_config = ConfigDict(extra="forbid")
-    also: ClassVar[dict[str, str]] = {}  # other keys for the same
+    also: ClassVar[dict[str, str]] = {}  # alternative key -> key
 
     @model_validator(mode="before")
     @classmethod
@@ -274,7 +274,7 @@ class _Constraints(_Part):
 
 
 def _line(part: Any) -> object:
-    """Several subgoals of an agent as a list; none as null."""
+    """The line of an agent's subgoals, which a model may also give as a list, or as null for none."""
     several = isinstance(part, list) and all(isinstance(each, str) for each in part)
     return "; ".join(part) if several else part or ""
 
@@ -285,20 +285,20 @@ class _Answer(_Part):
 
     @classmethod
     def _says_nothing(cls, key: str, part: object) -> bool:
-        """Round the answer a model may tell what it likes, but nothing that looks like a part of it."""
+        """Any text or number beside the answer is ignored too, unless its key resembles a part of it."""
         parts = ("subgoals", "constraints", *KINDS)
         told = not isinstance(part, dict | list) and not get_close_matches(plain(key), parts, cutoff=0.7)
         return told or plain(key) in _COMMENTS.split()
 
 
 def strict_answer(task: Task, known: Legal | None = None) -> type[BaseModel]:
-    """An answer whose JSON schema is for servers that can hold a model to one.
+    """Model of an answer whose JSON schema is for servers with structured output.
 
-    It lists the agents of the task and anybody; of what is `known` to be legal in a scene, every subgoal of
-    every agent and every constraint, and then no other can be written. Every key is required, as strict
-    structured output wants it.
+    It lists the agents of the task and, if there are several, anybody. With the answers `known` to be legal
+    in a scene it lists, without anybody, every subgoal of every agent and every constraint, and no other can
+    be written. Every key is required, as strict structured output demands.
     """
-    several = len(task.agents) > 1 and known is None  # who of one does a job is no question
+    several = len(task.agents) > 1 and known is None  # otherwise no job is left open
     names = [agent_name(agent) for agent in (*task.agents, *((ANYBODY,) if several else ()))]
     strict = ConfigDict(extra="forbid")
     agent: Any = StrEnum("Agent", {name: name for name in names})
@@ -326,7 +326,7 @@ def strict_answer(task: Task, known: Legal | None = None) -> type[BaseModel]:
 
 
 def _listed(each: Any, most: int) -> Any:
-    """A list of up to so many."""
+    """A list of up to `most` items."""
     return Annotated[list[each], Field(max_length=most)]
 
 
@@ -385,12 +385,12 @@ def agent_number(name: str, task: Task) -> int:
 
 
 def most_subgoals(task: Task) -> int:
-    """Of one agent in one answer: to take each object, move it twice and let it go, and to yield."""
+    """Bound on an agent's subgoals in one answer: grasp each object, move it twice, release it, and yield."""
     return 4 * len(task.objects) + 2
 
 
 def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
-    """The subgoals in an agent's line. Raises BadAnswer for more than the task can have use for."""
+    """The subgoals in an agent's line. Raises BadAnswer for too many, unreadable or repeated ones."""
     parts = [part for part in line.split(";") if part.strip()]
     if len(parts) > (most := most_subgoals(task)):
         allowed = f"in one answer for {task.name} an agent has up to {most}"

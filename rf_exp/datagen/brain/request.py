@@ -1,9 +1,9 @@
-"""One request to a server that speaks OpenAI's chat completions; slow to import for who asks no model.
+"""Request to a server with OpenAI's chat completions API; a slow import, only for live models.
 
-Whatever goes wrong on the way becomes a BadAnswer, which the generation loop treats like any other failed
-proposal. Retries and `Retry-After` are the client's own. A body is counted as it is received and again as it
-is unpacked, so that neither one without an end nor a small one that unpacks into gigabytes is ever held in
-memory. Redirects are not followed: the scene and the key go to the address that the person gave.
+Every failure becomes a BadAnswer, which the generation loop treats like any other failed proposal. Retries
+and `Retry-After` are the client's own. A body is counted as received and again as decompressed, so that
+neither an endless one nor a small one that decompresses to gigabytes is ever held in memory. Redirects are
+not followed: the scene and the key go only to the configured address.
 """
 
 import asyncio
@@ -23,22 +23,22 @@ from rf_exp.datagen.brain.talk import Connection, Message, Usage
 from rf_exp.findings import Finding
 from rf_exp.texts import printable
 
-_REJECTED = (400, 422, 501)  # statuses of a request that is not understood, or cannot be carried out
-LARGEST_BODY = 2**20  # bytes, received and unpacked; an answer of 4000 tokens has some 20 000
-MOST = 100  # choices, and calls of tools; a body of things that are none would be told of at great length
+_REJECTED = (400, 422, 501)  # HTTP statuses of a malformed or unsupported request
+LARGEST_BODY = 2**20  # bytes, received and decompressed; an answer of 4000 tokens has about 20 000
+MOST = 100  # choices, and tool calls; otherwise a body of invalid ones gives a very long list of errors
 
 
 @dataclass(frozen=True)
 class Received:
-    """A completion that came, of use or not."""
+    """A received completion, usable or not."""
 
     said: str | BadAnswer  # the model's text, or why there is none
     finish_reason: str | None = None
-    usage: Usage | None = None  # None: the server does not say
+    usage: Usage | None = None  # None: not reported by the server
 
     @property
     def text(self) -> str:
-        """Raises BadAnswer where there is none."""
+        """The model's text. Raises BadAnswer where there is none."""
         if isinstance(self.said, BadAnswer):
             raise self.said
         return self.said
@@ -47,10 +47,9 @@ class Received:
 async def request(
     connection: Connection, key: str, messages: Sequence[Message], schema: Mapping[str, object]
 ) -> Received:
-    """What a model answers. The deadline also ends answers that trickle in for ever.
+    """Requests a completion. The deadline also ends answers that trickle in for ever.
 
-    Raises BadAnswer where no completion comes. The key may be in the text and in the error, where the server
-    repeats it.
+    Raises BadAnswer where no completion arrives. Text and error contain the key where the server repeats it.
     """
     bounded = openai.DefaultAsyncHttpxClient(  # with the limits of the client, and proxies of the environment
         follow_redirects=False, headers={"Accept-Encoding": "gzip"}, event_hooks={"response": [_bound]}
@@ -88,7 +87,7 @@ async def request(
 
 
 def _unanswered(error: openai.OpenAIError, connection: Connection) -> BadAnswer:
-    """Why there is no answer, in the words of the client or of the server."""
+    """The reason for a missing answer, in the words of the client or of the server."""
     finding, why, cause = Finding.UNREACHED, printable(error), error.__cause__ or error
     if isinstance(error, openai.APITimeoutError):
         asked = f"asked {connection.retries + 1} times"
@@ -106,7 +105,7 @@ def _unanswered(error: openai.OpenAIError, connection: Connection) -> BadAnswer:
 
 
 def _wire(message: Message) -> Any:
-    """The message as the protocol wants it, pictures as data URIs."""
+    """The message in the format of the API, pictures as data URIs."""
     parts: list[dict[str, object]] = [{"type": "text", "text": message.text}]
     for camera, jpeg in message.pictures.items():
         uri = f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
@@ -118,7 +117,7 @@ def _wire(message: Message) -> Any:
 
 
 async def _bound(response: httpx2.Response) -> None:
-    """Puts the limit between the connection and everything that reads the body, also that of an error."""
+    """Response hook that refuses redirects, and limits the body, also of an error, before it is read."""
     if response.has_redirect_location:
         raise BadAnswer(
             f"the model was not reached: the server answered {response.status_code} and sends on to "
@@ -132,11 +131,11 @@ async def _bound(response: httpx2.Response) -> None:
         raise BadAnswer(told, Finding.NO_ANSWER)
     assert isinstance(response.stream, httpx2.AsyncByteStream)
     response.stream = _Bounded(response.stream, packed == "gzip")
-    response.encoding = "utf-8"  # whatever the server says: some of Python's codecs unpack, too
+    response.encoding = "utf-8"  # whatever the server says: some of Python's codecs decompress, too
 
 
 class _Bounded(httpx2.AsyncByteStream):
-    """The unpacked bytes of a body. Raises BadAnswer once there are more than LARGEST_BODY."""
+    """The decompressed bytes of a body. Raises BadAnswer once there are more than LARGEST_BODY."""
 
     def __init__(self, stream: httpx2.AsyncByteStream, gzip: bool) -> None:
         self._stream, self._gzip = stream, gzip
@@ -187,14 +186,14 @@ class _Choice(BaseModel):
 
 
 class _Completion(BaseModel):
-    """The part of a chat completion that matters; servers differ in the rest."""
+    """The fields of a chat completion that are read; servers differ in the others."""
 
     choices: list[_Choice] = Field(min_length=1, max_length=MOST, fail_fast=True)
     usage: Any = None
 
 
 def received(body: bytes, kind: str) -> Received:
-    """What is in a completion of that content type. Raises BadAnswer for a body that is none."""
+    """Parses a chat completion of that content type. Raises BadAnswer for any other body."""
     try:
         completion = _Completion.model_validate_json(body)
     except ValidationError as error:
@@ -206,14 +205,14 @@ def received(body: bytes, kind: str) -> Received:
     try:
         usage = TypeAdapter(Usage).validate_python(completion.usage)
     except ValidationError:
-        usage = None  # servers tell many things, or nothing
+        usage = None  # servers report many things, or nothing
     return Received(_content(choice), choice.finish_reason, usage)
 
 
 def _content(choice: _Choice) -> str | BadAnswer:
     """The model's text, or why there is none.
 
-    It is what the model thought, as `<think>`, where it wrote JSON there and nothing elsewhere.
+    Where a model has written JSON into its thinking and no other text, the thinking, as `<think>`.
     """
     message = choice.message
     parts = message.content if isinstance(message.content, list) else [message.content]
@@ -244,7 +243,7 @@ def _content(choice: _Choice) -> str | BadAnswer:
 
 
 def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:
-    """The texts in the places where servers put what a model thinks."""
+    """The texts in the fields where servers put a model's thinking."""
     places = [message.reasoning_content, message.reasoning]
     places += [
         part.get("text") or part.get(kind)
@@ -255,7 +254,7 @@ def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:
 
 
 def _text(part: object) -> str:
-    """The text of a part of a message; pictures and thinking have none."""
+    """The text of a part of a message; empty for pictures and thinking."""
     if isinstance(part, dict):
         kind, part = part.get("type", "text"), part.get("text")
         if kind not in ("text", "output_text"):

@@ -1,7 +1,7 @@
-"""The RoboBrains that need no network: the plan in the task's module, that with one mistake in it, and luck.
+"""RoboBrains that need no network: the plan of the task's module, the same with one fault, random answers.
 
-A mistake has a name (`faults.py`): so its detection and repair are measured. The first answer that it applies
-to is the scripted plan with the fault in it. Once RoboChecker has complained, the answer is as scripted.
+A fault has a name (`faults.py`), so that its detection and repair can be measured. The first answer that
+admits it is the scripted plan with the fault in it. After RoboChecker's objection the answer is as scripted.
 """
 
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ from rf_exp.statements import VERBS, Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import DISTURBANCES, PROPOSALS, ConstraintSet, Scene, Subgoal
 
-_SCENES = range(4)  # seeds of scenes in which a fault is given room
-LONGEST = 3  # subgoals of an agent in one answer that is drawn
-MOST = 4  # constraints of one
+_SCENES = range(4)  # seeds of the scenes tried for whether a fault applies
+LONGEST = 3  # subgoals of an agent in one random answer
+MOST = 4  # constraints in one random answer
 
 
 class ScriptedBrain:
-    """Answers with the task's own plan for the present scene, once nobody is in anybody's way."""
+    """Answers with the task's own plan for the present scene, once arms in the way have yielded."""
 
     name = "scripted"
 
@@ -48,14 +48,14 @@ class ScriptedSpec(BrainSpec):
 
 
 def applies(fault: str, task: Task, scene: Scene) -> bool:
-    """Whether the scripted plan for the scene has room for the fault."""
+    """Whether the scripted plan for the scene admits the fault."""
     question = Question(task, scene, {})
     proposal = task.module.plan(scene, task)
     return fault_named(fault).change(proposal, question, np.random.default_rng(0)) is not None
 
 
 def faults_for(task: Task) -> tuple[str, ...]:
-    """The faults for which a first or second proposal of the scripted plan has room, in some scene."""
+    """The faults that a first or second proposal of the scripted plan admits, in some scene."""
     found: set[str] = set()
     for seed in _SCENES:
         begin = task.start(seed).scene
@@ -73,7 +73,7 @@ def _grasped(task: Task, scene: Scene) -> Scene:
 
 
 class FaultyBrain:
-    """Scripted, but for one mistake. `placed` says whether it has been made, in the scene of this episode."""
+    """Scripted brain with one fault. `placed` tells whether the fault has been made in this episode."""
 
     name = "faulty"
 
@@ -90,7 +90,7 @@ class FaultyBrain:
                 self.placed = True
                 return to_json(changed)
         if self.placed and not self._corrected:
-            # What comes back first is about the fault: the plan as it should have been answers it.
+            # The first feedback is about the fault, and the plan without it is the answer.
             self._corrected, question = True, replace(question, feedback=())
         return ScriptedBrain().answer(question)
 
@@ -115,7 +115,7 @@ class FaultySpec(BrainSpec):
         return {"name": self.name, "fault": self.fault}
 
     def fits(self, task: Task) -> None:
-        """Raises ArgumentError for a task in whose plans the fault has no place."""
+        """Raises ArgumentError for a task whose plans do not admit the fault."""
         if self.fault not in (known := faults_for(task)):
             raise ArgumentError(
                 f"brain.fault={self.fault} has no place in the plans of {task.name}; "
@@ -127,7 +127,7 @@ class FaultySpec(BrainSpec):
 
 
 class RandomBrain:
-    """Draws legal subgoals and constraints, anew for every answer: what it reaches is what luck reaches."""
+    """Draws legal subgoals and constraints anew for every answer: the baseline of chance."""
 
     name = "random"
 
@@ -143,7 +143,7 @@ class RandomBrain:
         return to_json(Proposal(tuple(subgoals), tuple(fitting[at] for at in sorted(drawn))))
 
     def _queue(self, agent: int, held: str | None, known: Legal) -> Iterator[Subgoal]:
-        """Up to LONGEST subgoals of an agent, each of which its hand allows after the one before."""
+        """Up to LONGEST subgoals of an agent, each possible with what its gripper then holds."""
         before = None
         for _ in range(int(self._rng.integers(1, LONGEST + 1))):
             options = [each for each in known.subgoals[agent] if each != before and _allows(held, each)]
@@ -156,7 +156,7 @@ class RandomBrain:
 
 
 def _allows(held: str | None, subgoal: Subgoal) -> bool:
-    """Whether a hand that holds something, or nothing, can do it."""
+    """Whether a gripper that holds an object, or nothing, can carry out the subgoal."""
     if subgoal.object is None:
         return True
     return held is None if VERBS[subgoal.verb].is_contact else held == subgoal.object

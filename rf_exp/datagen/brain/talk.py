@@ -1,7 +1,7 @@
-"""A talk with a language model: its server, what is said, the file that keeps it, and its repetition.
+"""Dialogue with a language model: connection, messages, recorded exchanges, and their replay.
 
-One file an episode, one JSON object a line, in the order of the calls:
-`<folder>/<task>/<constraints>/<seed>.jsonl`. Pictures are kept as their SHA-256.
+One file per episode, one JSON object per line, in the order of the calls:
+`<folder>/<task>/<constraints>/<seed>.jsonl`. Pictures are recorded as their SHA-256.
 """
 
 import asyncio
@@ -26,8 +26,8 @@ from rf_exp.tasks import Task
 from rf_exp.texts import printable
 from rf_exp.types import ConstraintSet
 
-_NO_KEY = "none"  # what a server that wants no key is sent
-SENT = {  # by every request: what says it
+_NO_KEY = "none"  # sent to a server that needs no key
+SENT = {  # field of every request -> where it is set
     "model": "brain.model",
     "messages": "the question",
     "response_format": "brain.structured",
@@ -40,13 +40,13 @@ _EXAMPLE = "{chat_template_kwargs: {enable_thinking: false}}"
 
 @dataclass(frozen=True)
 class Connection:
-    """Which model, where, and how much patience it gets, as `conf/brain/openai.yaml` says."""
+    """Model, server, and limits on time and calls, as in `conf/brain/openai.yaml`."""
 
     model: str
     base_url: str | None  # None: OPENAI_BASE_URL, or else OpenAI itself
     api_key_env: str  # environment variable that holds the key
-    structured: bool  # hold the model to the JSON schema of the answer
-    enumerated: bool  # list the legal subgoals and constraints of the scene in it
+    structured: bool  # request structured output by the JSON schema of the answer
+    enumerated: bool  # list the legal subgoals and constraints of the scene in the schema
     temperature: float | None  # None: the server's default
     max_tokens: int  # of one answer
     extra_body: Any = field(hash=False)  # a mapping, the server's own options; None: none
@@ -77,7 +77,7 @@ class Connection:
 
     @property
     def sampling(self) -> dict[str, object]:
-        """How answers are drawn, as it is kept with each of them."""
+        """The sampling options that are recorded with every answer."""
         how = {key: getattr(self, key) for key in ("temperature", "max_tokens", "structured", "enumerated")}
         return {**how, **(self.extra_body or {})}
 
@@ -100,7 +100,7 @@ class Connection:
 
 
 def _check_extra_body(value: object) -> None:
-    """Raises ArgumentError for what is no JSON object of the server's own options, or may hold a key."""
+    """Raises ArgumentError for anything but a JSON object of the server's own options without a key."""
     if not isinstance(value, Mapping):
         raise ArgumentError(
             f"brain.extra_body is {value!r}; expected a mapping of the server's options, e.g. {_EXAMPLE}"
@@ -139,29 +139,29 @@ class Message:
 
 @dataclass(frozen=True)
 class Usage:
-    """What an answer costs, as the server counts it."""
+    """Tokens of an answer, as the server counts them."""
 
     prompt_tokens: Annotated[int, Field(ge=0)] = 0
     completion_tokens: Annotated[int, Field(ge=0)] = 0
 
 
 class Chat(Protocol):
-    """Something that answers messages, live or from a recording."""
+    """Source of answers to messages, live or from a recording."""
 
     asked: "list[Exchange]"  # in this episode
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
-        """The text of the answer, wanted as JSON of that schema. Raises BadAnswer for no answer."""
+        """The text of the answer, requested as JSON of that schema. Raises BadAnswer for no answer."""
         ...
 
     def judged(self, verdicts: Sequence[str]) -> None:
-        """Told at the end what became of the proposals of the episode, in their order."""
+        """Called at the end with the outcomes of the proposals of the episode, in their order."""
         ...
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """One call and what came of it: a reply or an error, and what RoboChecker said to the reply."""
+    """One call with its reply or error, and RoboChecker's verdict on the reply."""
 
     call: int  # from 1, within the episode
     purpose: str  # propose | restate | word
@@ -171,12 +171,12 @@ class Exchange:
     reply: str | None
     error: str | None
     latency_s: float
-    # Recordings of older versions lack what follows.
-    sampling: dict[str, object] = field(default_factory=dict)  # how the answer was to be drawn
-    finish_reason: str | None = None  # as the server says
+    # Recordings of older versions lack the following fields.
+    sampling: dict[str, object] = field(default_factory=dict)  # `Connection.sampling`
+    finish_reason: str | None = None  # as reported by the server
     usage: Usage | None = None
     finding: Finding | None = None  # of an error
-    verdict: str | None = None  # what became of the proposal; None: it was none, or the run was ended
+    verdict: str | None = None  # outcome of the proposal; None: it was none, or the run was aborted
 
     @property
     def answer(self) -> str:
@@ -187,13 +187,13 @@ class Exchange:
 
 
 def question_sha256(purpose: str, messages: Sequence[Message]) -> str:
-    """Identifies a question by its text alone: pictures differ from one renderer to the next."""
+    """Hash that identifies a question by its text alone: pictures differ from one renderer to the next."""
     text = json.dumps([purpose, *((message.role, message.text) for message in messages)])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def without_pictures(message: Message) -> dict[str, object]:
-    """The message as it is kept: each picture as its SHA-256."""
+    """The message as it is recorded: each picture as its SHA-256."""
     hashes = {camera: hashlib.sha256(jpeg).hexdigest() for camera, jpeg in message.pictures.items()}
     return {"role": message.role, "text": message.text, "pictures_sha256": hashes}
 
@@ -203,7 +203,7 @@ def exchanges_path(folder: Path, task: Task, constraint_set: ConstraintSet, seed
 
 
 def read(path: Path) -> tuple[Exchange, ...]:
-    """The exchanges of an episode. Raises StageError for a line that is none."""
+    """The recorded exchanges of an episode. Raises StageError for an invalid line."""
     found = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
@@ -216,9 +216,9 @@ def read(path: Path) -> tuple[Exchange, ...]:
 
 
 class OpenAIChat:
-    """One episode's talk with a model. `path`: where its exchanges are kept, None for nowhere."""
+    """Dialogue of one episode with a model. `path`: file of its exchanges; None: they are not recorded."""
 
-    _free_at_s: ClassVar[float] = 0.0  # when this process may call again
+    _free_at_s: ClassVar[float] = 0.0  # earliest time of the next call of this process
 
     def __init__(self, connection: Connection, path: Path | None) -> None:
         self._connection, self._path = connection, path
@@ -226,7 +226,7 @@ class OpenAIChat:
         self.asked: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
-        from rf_exp.datagen.brain.request import Received, request  # half a second; only for who asks a model
+        from rf_exp.datagen.brain.request import Received, request  # half a second, only for live models
 
         if len(self.asked) >= self._connection.budget:
             told = f"the model was not asked: the budget of {self._connection.budget} calls is used up"
@@ -259,20 +259,20 @@ class OpenAIChat:
         return exchange.answer
 
     def judged(self, verdicts: Sequence[str]) -> None:
-        """Notes what became of the proposals of the episode, in their order."""
+        """Records the outcomes of the proposals of the episode, in their order."""
         proposed = [at for at, each in enumerate(self.asked) if each.purpose == "propose"]
         for at, verdict in zip(proposed, verdicts, strict=False):
             self.asked[at] = replace(self.asked[at], verdict=verdict)
         self._keep()
 
     def _keep(self) -> None:
-        """Writes the exchanges so far in the place of what is there."""
+        """Rewrites the file with the exchanges so far."""
         if self._path is not None:
             write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self.asked))
 
 
 class ReplayChat:
-    """Answers the k-th question of an episode as it was answered then, errors included."""
+    """Replay that answers the k-th question of an episode as recorded, errors included."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -280,7 +280,7 @@ class ReplayChat:
         self.asked: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
-        """Raises BadAnswer when nothing was recorded, when it is over, or for another question."""
+        """Raises BadAnswer without a recording, beyond its end, or for a question that differs from it."""
         if self._recorded is None:
             raise BadAnswer(f"there is no recording {self._path}")
         if len(self.asked) == len(self._recorded):
@@ -295,11 +295,11 @@ class ReplayChat:
         return exchange.answer
 
     def judged(self, verdicts: Sequence[str]) -> None:
-        """What was recorded stays as it is."""
+        """Leaves the recording unchanged."""
 
 
 def _difference(exchange: Exchange, purpose: str, messages: Sequence[Message]) -> str:
-    """Where the two questions part, in words."""
+    """The first difference between the two questions, in words."""
     if exchange.purpose != purpose:
         return f"there {exchange.purpose!r}, now {purpose!r}"
     then = "\n".join(str(message.get("text", "")) for message in exchange.messages).splitlines()
@@ -310,7 +310,7 @@ def _difference(exchange: Exchange, purpose: str, messages: Sequence[Message]) -
     return f"there {len(then)} lines, now {len(now)}"
 
 
-_QUESTION = (  # which nobody answers in that JSON of his own accord
+_QUESTION = (  # no model answers it in the JSON of the schema unless held to it
     Message("system", "The answer is as short as it can be. Whatever can be left empty is left empty."),
     Message("user", "There is nothing to do. Say so."),
 )
@@ -319,17 +319,17 @@ Verdict = Literal["honoured", "ignored", "refused", "unreachable", "unknown"]
 
 @dataclass(frozen=True)
 class Probe:
-    """What became of the schema, and the words to it."""
+    """Result of `probe`: how the server treats the JSON schema, and a message about it."""
 
     verdict: Verdict
     found: str
 
 
 def probe(connection: Connection, task: Task) -> Probe:
-    """Asks once, with the schema of answers for the task, whatever `structured` says, and never again.
+    """Sends one request with the schema of answers for the task, whatever `structured` is, without retries.
 
-    It is that of real answers, because servers differ in what they take of one. Raises ArgumentError where a
-    key is needed and there is none.
+    The schema is that of real answers, as servers differ in which features of a schema they accept. Raises
+    ArgumentError where a key is needed and there is none.
     """
     from rf_exp.datagen.brain.request import request
 

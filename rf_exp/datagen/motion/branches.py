@@ -1,4 +1,4 @@
-"""Postures and straight lines of one arm: which there are, and which takes the least time."""
+"""Postures and straight lines of one arm: candidates, and the one that takes the least time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,45 +11,45 @@ from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, interpolate, wrapped_rad
 from rf_exp.types import JointLimits
 
-LINE_STEP_M = 0.01  # between the poses of a straight line for which postures are found
+LINE_STEP_M = 0.01  # between the poses of a straight line for which inverse kinematics is solved
 AWAY_RAD = np.arange(-15, 16) * (2 * np.pi / 31)  # of the last joint, from where the arm faces the goal
-FINE_RAD = np.arange(-4, 5) * 0.04  # about the best of them
-NEXT = (-2, -1, 0, 1, 2)  # steps that it may turn along an approach
-APART = 2  # steps of the last joint between postures that are worth trying one after the other
+FINE_RAD = np.arange(-4, 5) * 0.04  # about the best of AWAY_RAD
+NEXT = (-2, -1, 0, 1, 2)  # steps of AWAY_RAD that the last joint may turn along an approach
+APART = 2  # steps of AWAY_RAD between postures that are worth trying one after the other
 TRIES = 4  # postures for each goal
 TURNS_RAD = np.array([0, *(sign * turn for turn in (0.05, 0.1, 0.2, 0.4, 0.7) for sign in (1, -1))])
 JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
-EASE = 0.01  # s/rad that the motion of all joints counts for, beside the time that it takes
-UPRIGHT = 0.03  # s/rad for the angle by which the elbow leaves the upright plane, where it is in others' way
+EASE = 0.01  # s/rad, cost of the motion of all joints, added to its duration
+UPRIGHT = 0.03  # s/rad, cost of the elbow's angle out of the upright plane, where it is in others' way
 
 
 @dataclass(frozen=True)
 class Approach:
-    """A straight motion to a goal; estimated by its ends until it is worth more."""
+    """Straight approach to a goal; estimated from its two ends until it is `exact`."""
 
-    goal: int  # its number among those that were asked for
-    takes_s: float  # going to where it begins, and along it
-    points: Points  # only two while `exact` is missing
+    goal: int  # index of the goal
+    takes_s: float  # duration of the motion to its beginning, and along it
+    points: Points  # the two ends until it is `exact`
     branch: int  # of the posture in which it begins
     exact: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """Straight motions from pre-grasp poses to goals.
+    """Straight approaches from pre-grasp poses to goals.
 
-    Of what is put down or struck, the pre-grasp pose is the one above the place. The arm has a joint to
-    spare, so one pose has many postures; some lead through stretched arms, where a short line takes long.
+    For placing and striking, the pre-grasp pose is the one above the place. A redundant arm has many postures
+    for one pose; some lead through stretched arms, where a short line takes long.
     """
 
     arm: Arm
     limits: JointLimits
     pregrasps: Floats  # (G, 4, 4)
     goals: Floats  # (G, 4, 4)
-    before: Points  # that lead to where the motion begins
+    before: Points  # (M, dof) from which the approach follows
 
     def estimated(self, rest: Points | None = None) -> Iterator[Approach]:
-        """The soonest few to each goal. With `rest` (dof,) rad, going back and on to there counts too."""
+        """The fastest few for each goal. With `rest` (dof,) rad, going back and on to there counts too."""
         # Postures are (G, R, branches, dof).
         both = self.pregrasps, self.goals
         first, last = (self.arm.postures(poses[:, None], _turns(self.arm, poses)) for poses in both)
@@ -76,7 +76,7 @@ class Approaches:
             yield Approach(goal, float(takes_s[index]), points, branch)
 
     def exact(self, estimate: Approach) -> Approach | None:
-        """The same with all its points (K, dof), or None where there is no such line."""
+        """The approach with all its points (K, dof), or None where there is no such line."""
         goal = self.goals[estimate.goal]
         for begin, end in (self._finer(estimate), estimate.points):
             turns = np.append(TURNS_RAD, end[-1] - begin[-1])
@@ -88,7 +88,7 @@ class Approaches:
         return None
 
     def _finer(self, estimate: Approach) -> Points:
-        """Ends (2, dof) of about the same motion that are sooner reached, if there are such."""
+        """Ends (2, dof) of nearly the same approach that are reached sooner, if there are any."""
         goal, branch = estimate.goal, estimate.branch
         begin, end = estimate.points
         first = self.arm.postures(self.pregrasps[goal], begin[-1] + FINE_RAD)[:, branch, None]
@@ -101,11 +101,11 @@ class Approaches:
         return np.stack([first[one, 0], last[other]])
 
     def _takes_s(self, *after: Floats) -> Floats:
-        """(...) s of going through postures (..., dof), one after the other."""
+        """(...) s of going through postures (..., dof) in turn."""
         return duration_s(_corners(*self.before, *after), self.limits)
 
     def _dislike_s(self, begin: Floats, end: Floats) -> Floats:
-        """(...) s that another approach may take longer: for moving joints, and for the elbow aside."""
+        """(...) s, penalty of an approach for joint motion, and for an elbow out of the upright plane."""
         return _dislike_s(self.arm, self.before[-1], begin) + _dislike_s(self.arm, begin, end)
 
 
@@ -115,12 +115,12 @@ def leaving_s(high: Floats, low: Floats, rest: Points, limits: JointLimits) -> F
 
 
 def straight(arm: Arm, joints: Floats, goal: Matrix, limits: JointLimits) -> Points | None:
-    """Joint points (K, dof) of the soonest straight line of the TCP from joints (dof,) to a pose, or None."""
+    """Joint points (K, dof) of the fastest straight TCP line from joints (dof,) to a pose, or None."""
     return along(arm, joints, _between(arm, joints, goal), limits)
 
 
 def along(arm: Arm, joints: Floats, poses: Floats, limits: JointLimits) -> Points | None:
-    """Joint points (K + 1, dof) of the soonest motion from joints (dof,) through TCP poses (K, 4, 4)."""
+    """Joint points (K + 1, dof) of the fastest motion from joints (dof,) through TCP poses (K, 4, 4)."""
     turns = np.append(TURNS_RAD, arm.facing(poses[-1]) - joints[-1])
     lines = _through(arm, joints, poses, turns)
     if not len(lines):
@@ -131,14 +131,14 @@ def along(arm: Arm, joints: Floats, poses: Floats, limits: JointLimits) -> Point
 
 
 def _between(arm: Arm, joints: Floats, goal: Matrix) -> Floats:
-    """(K, 4, 4) TCP poses on the straight line from joints (dof,) to a pose, which is the last."""
+    """(K, 4, 4) TCP poses on the straight line from joints (dof,) to a pose, which comes last."""
     start = arm.tcp(joints)
     count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
     return interpolate(start, goal, np.arange(1, count + 1) / count)
 
 
 def _through(arm: Arm, joints: Floats, poses: Floats, turns: Floats) -> Floats:
-    """Joint points (M, K + 1, dof) through poses (K, 4, 4); in each the last joint turns evenly."""
+    """Lines of joint points (M, K + 1, dof) through poses (K, 4, 4); in each the last joint turns evenly."""
     count = len(poses)
     share = np.arange(1, count + 1) / count
     turns = turns if arm.robot.spare else turns[:1]
@@ -150,15 +150,15 @@ def _through(arm: Arm, joints: Floats, poses: Floats, turns: Floats) -> Floats:
     for k in range(count):
         away = np.abs(found[:, k] - lines[:, k, None]).max(axis=-1)
         lines[:, k + 1] = found[rows, k, _or_infinite(away).argmin(axis=1)]
-    smooth = (np.abs(np.diff(lines, axis=1)) <= JUMP_RAD).all(axis=(1, 2))  # what is NaN is not
+    smooth = (np.abs(np.diff(lines, axis=1)) <= JUMP_RAD).all(axis=(1, 2))  # False for NaN
     return lines[smooth]
 
 
 class Arrivals:
-    """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above`, and go on to `rest`."""
+    """Postures of an arm at goals (G, 4, 4), each reached through its pose in `above`, and on to `rest`."""
 
     def __init__(self, arm: Arm, above: Floats, goals: Floats, rest: Points | None = None) -> None:
-        self._high, low = (  # where the arm faces the goal is among them
+        self._high, low = (  # the angle at which the arm faces the goal is among those tried
             arm.postures(poses[:, None], _turns(arm, poses, every=2)) for poses in (above, goals)
         )
         # An upright shoulder may be passed on the way down.
@@ -169,7 +169,7 @@ class Arrivals:
             self._down = 2 * self._down + _cost(arm, self._high, rest)
 
     def nearest(self, joints: Floats) -> Floats:
-        """(G, 3, dof) now, above each goal, at it, with the least motion; NaN where it is out of reach."""
+        """(G, 3, dof) joints now, above each goal and at it, with least motion; NaN where out of reach."""
         cost = np.moveaxis(_cost(self._arm, joints, self._high) + self._down, 1, 0)  # (G, 2, R, branches)
         goals = np.arange(len(cost))
         way, *index = np.unravel_index(cost.reshape(len(cost), -1).argmin(axis=1), cost.shape[1:])
@@ -179,12 +179,12 @@ class Arrivals:
 
 
 def _dislike_s(arm: Arm, begin: Floats, end: Floats) -> Floats:
-    """(...) s that another motion may take longer: for moving joints (..., dof), for an elbow aside."""
+    """(...) s, penalty of a motion between joints (..., dof), also for an elbow out of the upright plane."""
     return EASE * np.abs(end - begin).sum(axis=-1) + UPRIGHT * arm.aside_rad(end)
 
 
 def _turns(arm: Arm, goals: Floats, every: int = 1) -> Floats:
-    """Angles (G, R) rad of the last joint that are tried for goals (G, 4, 4); one where none is to spare."""
+    """Angles (G, R) rad of the last joint to try for goals (G, 4, 4); R is 1 without redundancy."""
     away_rad = AWAY_RAD[every - 1 :: every] if arm.robot.spare else np.zeros(1)
     return wrapped_rad(arm.facing(goals)[:, None] + away_rad)
 
@@ -202,5 +202,5 @@ def _corners(*postures: Floats) -> Floats:
 
 
 def _or_infinite(values: Floats) -> Floats:
-    """In place of NaN; np.nan_to_num takes several times as long."""
+    """Replaces NaN by infinity; np.nan_to_num takes several times as long."""
     return np.where(np.isnan(values), np.inf, values)

@@ -1,4 +1,4 @@
-"""Paths round what is in the way: a straight line in joint space where it is free, else RRT-Connect."""
+"""Collision-free paths: a straight line in joint space where it is free, else RRT-Connect."""
 
 from collections.abc import Callable
 
@@ -7,9 +7,9 @@ import numpy as np
 from rf_exp.datagen.motion.state import Points
 from rf_exp.datagen.motion.timing import densify
 
-EDGES = 1000  # that trees may try for one plan, however many ways it is planned: some seconds
-SPREAD_OVER = 600  # samples, over which they scatter ever farther off the straight line
-_STEP_RAD = 0.25  # growth of the trees, largest joint
+EDGES = 1000  # budget of tree edges for one plan, over all the ways to plan it: some seconds
+SPREAD_OVER = 600  # samples, whose spread about the straight line grows
+_STEP_RAD = 0.25  # step of the trees, largest joint
 _CHECK_EVERY = 5  # dense points; 0.05 rad between the checked ones
 
 Free = Callable[[Points], bool]  # whether joint points (K, dof) are all collision-free
@@ -17,9 +17,9 @@ Tree = tuple[list[Points], list[int]]  # nodes (dof,) rad, and the index of the 
 
 
 class Search:
-    """Looks for the paths of a plan. When `edges` have been tried without an end, straight lines are left.
+    """Path search for one plan. Once `edges` have been tried, only straight lines are found.
 
-    Counted are edges, not seconds, so that a plan does not depend on how fast a machine is.
+    The budget counts edges, not seconds, so that a plan does not depend on the speed of a machine.
     """
 
     def __init__(self, rng: np.random.Generator, edges: int = EDGES) -> None:
@@ -37,7 +37,7 @@ class Search:
             if self._left <= 0:
                 break
             a, b = trees[sample % 2], trees[1 - sample % 2]
-            # A Gaussian about the line finds the way round a small obstacle sooner than a uniform draw.
+            # Gaussian samples about the line find the way round a small obstacle sooner than uniform ones.
             middle = start + self._rng.uniform() * (goal - start)
             spread_rad = 0.2 + 0.8 * sample / SPREAD_OVER
             target = np.clip(middle + self._rng.normal(0.0, spread_rad, len(start)), low, high)
@@ -47,7 +47,7 @@ class Search:
         return None
 
     def _grow(self, tree: Tree, target: Points, free: Free) -> bool:
-        """Adds one step towards `target`; whether it was free."""
+        """Adds one step towards `target`; returns whether it was free."""
         self._left -= 1
         nodes, parents = tree
         near = int(np.argmin(np.abs(np.array(nodes) - target).max(axis=1)))
@@ -60,7 +60,7 @@ class Search:
         return True
 
     def _connect(self, tree: Tree, target: Points, free: Free) -> int | None:
-        """Grows straight to `target` as far as it goes; the index of the node that reached it."""
+        """Grows straight to `target`; returns the index of the node that reached it, if one did."""
         while self._grow(tree, target, free):
             if np.abs(tree[0][-1] - target).max() < 1e-9:
                 return len(tree[0]) - 1
@@ -83,7 +83,7 @@ def _trace(tree: Tree, index: int) -> list[Points]:
 
 
 def _shortcut(path: Points, free: Free) -> Points:
-    """The path without the via points that a free straight line makes needless, the longest lines first."""
+    """The path without via points that a free straight line can replace, the longest lines first."""
     for span in range(len(path) - 1, 1, -1):
         for first in range(len(path) - span):
             if edge_free(path[first], path[first + span], free):

@@ -1,8 +1,8 @@
-"""From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation).
+"""Motion planning of a proposal: one trajectory for each agent (paper: unconstrained trajectory generation).
 
-A proposal is a set of queues, one an agent: in which order it lists its agents says nothing. A queue waits
-while something that must be over first has not been planned, and while something is in its way, or out of its
-reach, that another queue may still move.
+A proposal is a set of queues, one per agent; the order in which it lists agents has no meaning. A queue waits
+while a subgoal that must end before its next one has not been planned, and while an object that another queue
+may still move is in its way or out of its reach.
 """
 
 from collections.abc import Collection, Sequence
@@ -24,25 +24,25 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, Trajectory
 
-Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
-Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
-Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
+Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: one joint motion
+Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all subgoals of the agent
+Order = Collection[tuple[Part, Part]]  # the first ends before the second begins
 
 
 @dataclass(frozen=True)
 class _Stuck:
-    """Why the next subgoal of an agent has no motion as things are."""
+    """Reason why the next subgoal of an agent has no motion at present."""
 
     error: Unreachable
-    by: frozenset[str] | None  # things of which one has to move before it may have; None: or an arm
-    moved: bool = False  # whether one has
+    by: frozenset[str] | None  # objects, one of which has to move first; None: any motion may help
+    moved: bool = False  # whether that has happened
 
 
 def in_turn(proposal: Proposal, order: Order) -> Proposal:
-    """The same plan for every order in which it may list its agents.
+    """The proposal in a canonical order, the same for every order in which it may list its agents.
 
-    First come agents that wait for nobody who is left, of several the one with the lowest number: so what
-    others meet stands already where it will stand when they do.
+    First come agents that wait for no other remaining agent, of several the one with the lowest number, so
+    that objects are already where later agents will meet them.
     """
     left, listed = sorted({subgoal.agent for subgoal in proposal.subgoals}), []
     while left:
@@ -54,22 +54,22 @@ def in_turn(proposal: Proposal, order: Order) -> Proposal:
 
 
 class Queues:
-    """What is still to be planned. Of agents that can go on the last one does, or who is listed first.
+    """Subgoals still to be planned. Of the agents that can go on, the last one does, else the first listed.
 
-    Who has put something down goes away before others come to the same place.
+    So an agent that has put an object down goes away before others come to the same place.
     """
 
     def __init__(self, proposal: Proposal, lockstep: Lockstep, order: Order) -> None:
         agents = dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals)
-        self.left = {agent: list(proposal.of(agent)) for agent in agents}  # what each has still to do
+        self.left = {agent: list(proposal.of(agent)) for agent in agents}  # agent -> remaining subgoals
         self._lockstep, self._order = lockstep, order
         self._stuck: dict[int, _Stuck] = {}
-        self._last: int | None = None  # who went on alone
+        self._last: int | None = None  # agent of the last subgoal, unless joint
 
     def next(self) -> Sequence[Subgoal]:
-        """The subgoal that is planned next, or those of several agents that are one motion; none: all are.
+        """The next subgoal to plan, or those of several agents that are one motion; empty at the end.
 
-        Raises Unreachable where nobody can go on: with the reason of the first that is stuck.
+        Raises Unreachable where no agent can go on, with the reason of the first that is stuck.
         """
         fronts = {agent: queue[0] for agent, queue in self.left.items() if queue}
         if not fronts:
@@ -89,7 +89,7 @@ class Queues:
         raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(fronts), subgoals=circle)
 
     def planned(self, subgoals: Sequence[Subgoal], moved: Collection[str]) -> None:
-        """They have a motion, by which things are moved."""
+        """Removes subgoals that have been planned; their motion moves the objects `moved`."""
         for each in subgoals:
             self.left[each.agent].pop(0)
         self._last = subgoals[0].agent if len(subgoals) == 1 else None
@@ -98,7 +98,7 @@ class Queues:
                 self._stuck[agent] = replace(each, moved=True)
 
     def stuck(self, subgoals: Sequence[Subgoal], error: Unreachable) -> None:
-        """They have none as things are, and wait while others go on. Raises what no other can help."""
+        """Marks subgoals that have no motion until others go on. Raises `error` where that cannot help."""
         if error.cause is Cause.REACH:
             by = frozenset[str]().union(*(each.names for each in subgoals))
         elif error.cause is Cause.SPACE:
@@ -109,21 +109,21 @@ class Queues:
         self._stuck |= {each.agent: _Stuck(error, by) for each in subgoals}
 
     def _waits(self, subgoal: Subgoal) -> bool:
-        """Whether something that must be over before this subgoal has not been planned yet."""
+        """Whether a subgoal that must end before this one has not been planned yet."""
         return any(
             _is_of(then, subgoal) and any(map(partial(_is_of, first), self.left.get(first[0], ())))
             for first, then in self._order
         )
 
     def _group(self, subgoal: Subgoal) -> frozenset[int]:
-        """The agents that carry out this subgoal as one motion; none where it is no such one."""
+        """The agents that carry out this subgoal as one motion; empty where it is not a joint one."""
         for agents, verb, name in self._lockstep:
             if subgoal.agent in agents and (subgoal.verb, subgoal.object) == (verb, name) and verb == "lift":
                 return agents
         return frozenset()
 
     def _together(self, ready: Sequence[Subgoal]) -> Sequence[Subgoal]:
-        """The joint subgoal that all its agents have come to."""
+        """The subgoals of a joint motion that all its agents are ready for, if any."""
         for first in ready:
             agents, what = self._group(first), (first.verb, first.object)
             members = [each for each in ready if each.agent in agents and what == (each.verb, each.object)]
@@ -138,7 +138,7 @@ def _is_of(part: Part, subgoal: Subgoal) -> bool:
 
 
 def present_state(task: Task, scene: Scene) -> State:
-    """What planning starts from: the measured scene."""
+    """The state from which planning starts: the measured scene."""
     held = {
         agent: (name, inverse(task.arms[agent].tcp(scene.qpos[agent - 1])) @ scene.poses[name])
         for agent, name in zip(task.agents, scene.held, strict=True)
@@ -155,12 +155,12 @@ def present_state(task: Task, scene: Scene) -> State:
 
 @dataclass(frozen=True)
 class Handover:
-    """A thing is met where another agent has left it, so that comes later, asked for or not."""
+    """An object that one agent meets where another has left it: an order, whether demanded or not."""
 
     giver: int
     left_at: int  # knot at which the giver is done with it
     taker: int
-    begins_at: int  # knot from which on the taker goes for it
+    begins_at: int  # knot at which the taker sets out for it
 
     def demand(self, demands: Demands) -> None:
         left = demands.trajectory(self.giver).knots[self.left_at]
@@ -169,11 +169,11 @@ class Handover:
 
 @dataclass(frozen=True)
 class Motions:
-    """What becomes of a proposal before anything is timed."""
+    """The motions of a proposal, before they are scheduled."""
 
-    trajectories: tuple[Trajectory, ...]  # one an agent, idle ones empty
-    state: State  # that they should end in
-    subgoals: tuple[Subgoal, ...]  # each begins with things where those before it leave them
+    trajectories: tuple[Trajectory, ...]  # one per agent, empty for idle ones
+    state: State  # predicted at their end
+    subgoals: tuple[Subgoal, ...]  # in planning order: each begins with objects as earlier ones leave them
     handovers: tuple[Handover, ...]
 
 
@@ -189,8 +189,8 @@ def plan_motion(
 ) -> Motions:
     """Motions that carry out a proposal. Raises Unreachable.
 
-    Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in `order`
-    starts from where the earlier leaves the objects. Arms yield where a way is free.
+    Subgoals in `lockstep` are timed as one motion of all their agents. A later subgoal in `order` starts with
+    the objects where the earlier one leaves them. Arms yield where a path is free.
     """
     begin, planned = present_state(task, scene), list[Subgoal]()
     ask, made = partial(Request, task, reach), _Made(task, begin)
@@ -223,15 +223,15 @@ def plan_motion(
 
 
 class _Made:
-    """The motions so far, what they lead to, and who has left what where."""
+    """The motions so far, the state they lead to, and which agent has left which object where."""
 
     def __init__(self, task: Task, state: State) -> None:
         self.state, self.handovers = state, list[Handover]()
-        self.segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}  # but for empty ones
-        self._left: dict[str, tuple[int, int]] = {}  # thing -> who moved it last, and the knot after that
+        self.segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}  # without empty ones
+        self._left: dict[str, tuple[int, int]] = {}  # object -> agent that moved it last, knot after that
 
     def add(self, motion: Motion, subgoals: Sequence[Subgoal] = ()) -> None:
-        """Adds a motion, of these subgoals."""
+        """Adds a motion of these subgoals."""
         for subgoal in subgoals:
             agent = subgoal.agent
             held, _ = self.state.held.get(agent, (None, None))
@@ -249,7 +249,7 @@ class _Made:
 
 
 def _yield(request: Request, state: State) -> Motion:
-    """To a posture that is in nobody's way, where a way is free; otherwise nowhere."""
+    """Moves to a posture out of the way, if a path is free; otherwise stays."""
     try:
         return leave(request, state)
     except Unreachable:

@@ -1,4 +1,4 @@
-"""How an arm gets somewhere: postures, straight approaches, free paths, one timed motion of it all."""
+"""Motion planning of single arms: postures, straight approaches, free paths, joined into one timed motion."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,24 +17,24 @@ from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, equal_turns, transform
 from rf_exp.types import JointLimits
 
-BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
-CLEARANCE_M = 0.10  # above a place from which things are lowered
-RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
+BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that collides
+CLEARANCE_M = 0.10  # height above a place at which lowering begins
+RISE_M = 0.04  # straight rise of a grasped object before it moves elsewhere
 
-Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
+Tiers = Sequence[Sequence[Matrix]]  # TCP poses, equivalent within a tier; later tiers are a last resort
 
 
 @dataclass(frozen=True)
 class LookAhead:
-    """What comes next, estimated.
+    """Estimate of what comes after a motion.
 
-    `after` TCP poses (G, 4, 4) tells how many s it takes, from the number of one and the straight approach to
-    it (2, dof); infinite: out of reach. `leaves` says whether it can begin from joints (dof,)
-    at the goal; where it cannot, other goals come first.
+    `after` takes goals, TCP poses (G, 4, 4), and returns a function of the index of one and the straight
+    approach to it (2, dof), which gives the duration in s; infinite: out of reach. `leaves` tells whether the
+    next motion can begin from joints (dof,) at the goal; where it cannot, other goals come first.
     """
 
     after: Callable[[Floats], Callable[[int, Points], float]]
-    rest_rad: Points | None = None  # (dof,) where the arm goes then, where that is known beforehand
+    rest_rad: Points | None = None  # (dof,) where the arm goes then, if known beforehand
     leaves: Callable[[Points], bool] = lambda joints: True
 
 
@@ -43,7 +43,7 @@ _NOTHING = LookAhead(lambda _: lambda goal, points: 0.0)
 
 @dataclass(frozen=True)
 class Reach:
-    """Plans motions of single arms. `blocked` knows the obstacles that the row lets it see."""
+    """Motion planner for single arms. `blocked` tests the obstacles that the constraints let it see."""
 
     arms: Mapping[int, Arm]
     limits: JointLimits
@@ -66,19 +66,19 @@ class Reach:
     ) -> Points:
         """Timed points (T, dof) to the first goal in reach: one motion with rounded corners.
 
-        It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis, or
-        from as far above straight `down`. With `rise` it begins straight up. With `round_it` a rounded detour
-        keeps clear of what the gripper may touch in the end. Raises Unreachable.
+        It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis or,
+        with `down`, as far above the goal. With `rise` it begins straight up. With `round_it` a rounded
+        detour keeps clear of what the gripper may touch at the end. Raises Unreachable.
         """
-        obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
+        obstacles: dict[int | str, Blockage] = {}  # in the order in which they were found
         no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
-        no_room: set[tuple[int, int]] = set()  # goals at which things leave the hand alone none, or no way on
-        stuck: Points | None = None  # the soonest motion to one without a way on
+        no_room: set[tuple[int, int]] = set()  # goals where the gripper alone collides, or without a way on
+        stuck: Points | None = None  # the fastest motion to a goal without a way on
         start = state.qpos[agent]
         risen = self.risen(agent, start) if rise else None
         up = start[None] if risen is None else risen
         for goal, line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead, no_room):
-            if obstacle := blocked(line):  # cheaper to find out than a path
+            if obstacle := blocked(line):  # cheaper to test than a path
                 obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
                 if blocked(line[-1:], hand=True):
                     no_room.add(goal)
@@ -92,7 +92,7 @@ class Reach:
                 points = blend(corners, radius_rad)
                 obstacle = None
                 if round_it and len(path) > 2:
-                    begins = int(np.abs(corners - line[0]).max(axis=1).argmin())  # rounding moves more
+                    begins = int(np.abs(corners - line[0]).max(axis=1).argmin())  # rounding begins earlier
                     detour = points[: max(1, begins - int(1.5 * radius_rad / SPACING_RAD))]
                     obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
                 obstacle = obstacle or blocked(points, between=True)
@@ -104,11 +104,11 @@ class Reach:
                     break
                 if radius_rad == BLEND_RAD[-1]:
                     obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
-            # All lines begin with it, so it is asked for once.
+            # All lines begin with the rise, so it is tested once.
             if risen is not None and (obstacle := blocked(risen, between=True)):
                 raise obstructed(what, Blockage(agent, risen, state, touches, obstacle, "as it rises"))
             risen = None
-        if stuck is not None:  # what is in the way is said when its turn comes
+        if stuck is not None:  # the obstacle is reported when the next subgoal is planned
             return parameterise(stuck, self.limits)
         if obstacles:
             everywhere = len(no_room) == sum(map(len, tiers))
@@ -120,9 +120,9 @@ class Reach:
     def estimated_s(
         self, agent: int, tiers: Tiers, standoff_m: float, state: State, look_ahead: LookAhead
     ) -> float:
-        """About how long the soonest of the goals of `timed` takes, and what comes next; infinite: none can.
+        """Estimated duration to the fastest goal of `timed`, with what comes next; infinite: there is none.
 
-        Of the first tier with any that can be reached.
+        The goal is one of the first tier with a reachable one.
         """
         arm, before = self.arms[agent], state.qpos[agent][None]
         for goals in map(np.stack, tiers):
@@ -146,18 +146,18 @@ class Reach:
         look_ahead: LookAhead,
         given_up: Collection[tuple[int, int]],
     ) -> Iterator[tuple[tuple[int, int], Points]]:
-        """Joint points of approaches after those that lead up, tier by tier the soonest first.
+        """Joint points of approaches that follow the points `up`, tier by tier, the fastest first.
 
-        Each comes with its tier and the goal's number there, of which none `given_up` meanwhile comes again.
-        Only those are made exact whose estimate is below all exact ones. Those from which what comes next
-        cannot be reached come last of all.
+        Each comes with its tier and the index of its goal there; a goal `given_up` meanwhile does not come
+        again. An approach is made exact only when its estimate is below all exact ones. Approaches after
+        which the next motion is out of reach come last of all.
         """
         last, before = [], up[[0, -1]] if len(up) > 1 else up
         for tier, goals in enumerate(map(np.stack, tiers)):
             pregrasps = above(goals, standoff_m) if down else drawn_back(goals, standoff_m)
             approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
             more_s = look_ahead.after(goals)
-            # What comes next is worked out only where the way alone takes no longer than all of another one.
+            # What comes next is estimated only where the way alone takes no longer than all of another one.
             open_ = [
                 (round(each.takes_s, 6), number, False, each)
                 for number, each in enumerate(approaches.estimated(look_ahead.rest_rad))
@@ -188,12 +188,12 @@ class Reach:
         return self.search.path(start, goal, free, self.arms[agent].robot.limits_rad)
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
-        """Timed points (T, dof) to joints (dof,). Raises Unreachable."""
+        """Timed points (T, dof) on a free path to joints (dof,). Raises Unreachable."""
         path = self._path(agent, state.qpos[agent], goal, state)
         if path is not None:
             return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
         held = state.in_hand(agent)
-        at_an_end = (  # otherwise something is in the way somewhere between
+        at_an_end = (  # otherwise the obstacle is somewhere between
             Blockage(agent, joints[None], state, held, obstacle, where)
             for joints, where in ((state.qpos[agent], "where it stands"), (goal, "where it is to go"))
             if (obstacle := self.blocked(agent, joints[None], state, held))
@@ -205,19 +205,19 @@ class Reach:
         return straight(self.arms[agent], joints, goal, self.limits)
 
     def risen(self, agent: int, joints: Points) -> Points | None:
-        """Joint points (K, dof) of the line straight up with which what was grasped begins to move."""
+        """Joint points (K, dof) of the line straight up with which a grasped object begins to move."""
         return self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
 
     def along(self, agent: int, joints: Points, poses: Floats) -> Points | None:
-        """Joint points (K + 1, dof) of the TCP from joints (dof,) through poses (K, 4, 4)."""
+        """Joint points (K + 1, dof) from joints (dof,) through TCP poses (K, 4, 4)."""
         return along(self.arms[agent], joints, poses, self.limits)
 
     def arrive(
         self, agent: int, tiers: Tiers, rest_rad: Points | None = None
     ) -> Callable[[Points], Points | None]:
-        """From a motion (K, dof): joints (3, dof) at its end, well above a TCP pose, at it.
+        """Function of a motion (K, dof) that gives joints (3, dof): at its end, above a TCP pose, and at it.
 
-        The pose is one of the first tier in reach, the way is the shortest, that to `rest_rad` included.
+        The pose is one of the first tier in reach; the way is the fastest, including that to `rest_rad`.
         """
         stacked = [np.stack(tier) for tier in tiers]
         arrivals = cache(
@@ -237,27 +237,27 @@ class Reach:
         return nearest
 
     def duration_s(self, corners: Floats) -> Floats:
-        """(...) about how long motions round corners (..., K, dof) take."""
+        """(...) s, estimated duration of motions round corners (..., K, dof)."""
         return duration_s(corners, self.limits)
 
 
 def above(poses: Floats, height_m: float) -> Floats:
-    """Poses (..., 4, 4), so much higher."""
+    """Poses (..., 4, 4), raised by `height_m`."""
     raised = poses.copy()
     raised[..., 2, 3] += height_m
     return raised
 
 
 def drawn_back(poses: Floats, by_m: float) -> Floats:
-    """Poses (..., 4, 4), so much back along the z axis of the tool."""
+    """Poses (..., 4, 4), moved back along the z axis of the tool."""
     return poses @ transform((0.0, 0.0, -by_m))
 
 
 def turned(goal: Matrix, turns: int) -> list[Matrix]:
-    """The pose and those that equal turns about its z axis give."""
+    """The pose, and its copies by equal turns about its z axis."""
     return [goal @ turn for turn in equal_turns(turns)]
 
 
 def contacts(world_from_object: Matrix, point: InteractionPoint) -> list[Matrix]:
-    """TCP poses in which a gripper meets an object at a point: all that serve equally."""
+    """All equivalent TCP poses in which a gripper meets an object at a point."""
     return [hand for alike in point.alike for hand in turned(world_from_object @ alike, point.turns)]

@@ -1,6 +1,7 @@
-"""What a motion primitive is asked for, where a thing in its hand is to go, and what comes after that.
+"""Requests to motion primitives, goal poses of held objects, and the look-ahead beyond a grasp or placement.
 
-What comes after a motion is estimated: things are grasped and placed so that it can be done, and soon.
+The cost of what follows a motion is estimated, so that objects are grasped and placed where that is feasible
+and fast.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,34 +21,34 @@ from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, Scene, Segment, Subgoal
 
-STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm is compliant
-DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
+STRIKE_M = 0.002  # depth to which a tool is driven into what it strikes; the arm is compliant
+DROP_M = 0.004  # height above the place of a release, so that nothing is pressed into the table
 _FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # from a face, z up, to a tool that works on it, z down
 _STRIKE_TURNS = 16
-_SPOT = InteractionPoint(np.eye(4), "place", turns=12)  # a named place: how a thing is turned there is free
-EXPECTED_M = 0.15  # of a lift
+_SPOT = InteractionPoint(np.eye(4), "place", turns=12)  # a named place: the rotation of an object is free
+EXPECTED_M = 0.15  # height of a lift, where no subgoal tells it
 AWAY = 0.7  # share of its way home after which an arm is in nobody's way
-_WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
+_WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move the held object
 
 Line = Callable[[Points], Points | None]  # from joint points (K, dof) of a motion to those of the next
 
 
 @dataclass(frozen=True)
 class Request:
-    """A subgoal, and what comes next."""
+    """Request to a motion primitive: a subgoal, and the ones that remain after it."""
 
     task: Task
     reach: Reach
     subgoal: Subgoal
     following: Sequence[Subgoal] = ()  # of the same agent
-    of_others: Sequence[Subgoal] = ()  # what the other agents have still to do
+    of_others: Sequence[Subgoal] = ()  # remaining ones of the other agents
 
     @property
     def agent(self) -> int:
         return self.subgoal.agent
 
     def taker(self, name: str) -> Subgoal | None:
-        """The grasp of the agent that takes a thing next from where this one puts it down."""
+        """The grasp of the agent that takes an object next from where this one puts it down."""
         return next((each for each in self.of_others if (each.verb, each.object) == ("grasp", name)), None)
 
     def tcp(self, state: State) -> Matrix:
@@ -62,7 +63,7 @@ class Request:
         touches: frozenset[str] = frozenset(),
         joined: str | None = None,
     ) -> tuple[Segment, State]:
-        """A segment along timed points (T, dof), with what is held, and the state at its end."""
+        """A segment along timed points (T, dof), with the held object, and the state at its end."""
         agent = self.agent
         name, tcp_from_object = state.held.get(agent, (None, None))
         gripper = np.full(len(points), state.gripper[agent])
@@ -78,9 +79,9 @@ class Request:
 
 
 def ends(task: Task, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
-    """TCP poses in which an object held so has been carried, placed or struck as the subgoal says.
+    """TCP poses at which a held object has been carried, placed or struck as the subgoal says.
 
-    What is carried or placed may be turned as the place allows, and where nothing else is reachable stand off
+    A carried or placed object may be rotated as the place allows and, where nothing else is reachable, offset
     towards the arm by the slack of the place. Raises Unreachable for a target or point that does not exist.
     """
     world_from_target, point = _destination(task, subgoal, state)
@@ -101,13 +102,13 @@ def ends(task: Task, subgoal: Subgoal, state: State, tcp_from_object: Matrix) ->
 
 
 def destinations(task: Task, subgoal: Subgoal, scene: Scene) -> Sequence[Matrix]:
-    """The poses world_from_object that a subgoal may put its object in, as the scene is now."""
+    """The poses world_from_object in which a subgoal may put its object in the present scene."""
     state = State({}, {}, {}, scene.poses, task.places(scene))
     return [pose for tier in ends(task, subgoal, state, np.eye(4)) for pose in tier]
 
 
 def support(task: Task, subgoal: Subgoal) -> frozenset[str]:
-    """The object on which something is placed; none where it is dropped into one."""
+    """The object on which another is placed; none where it is dropped into one."""
     target = subgoal.target
     if target is None or target not in task.objects or _placing(task, subgoal).kind == "drop":
         return frozenset()
@@ -115,7 +116,7 @@ def support(task: Task, subgoal: Subgoal) -> frozenset[str]:
 
 
 def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, InteractionPoint]:
-    """world_from_object of the thing once it has been placed, and the point that says how freely."""
+    """world_from_object of the object once placed, and the point that defines its freedom."""
     target = subgoal.target or ""
     if target in state.places:
         return state.places[target], _SPOT
@@ -127,7 +128,7 @@ def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, In
 
 
 def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
-    """The point of the target object at which something is placed or dropped."""
+    """The point of the target object at which another is placed or dropped."""
     placing = task.asset(subgoal.target or "").placing
     name = subgoal.target_point or next(iter(placing), None)
     if name is None or name not in placing:
@@ -138,7 +139,7 @@ def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
 
 
 def once_grasped(request: Request, name: str, state: State) -> LookAhead:
-    """What the agent does with the thing in its hand, until it has let go and is at rest."""
+    """Look-ahead of a grasp: what the agent does with the object, until it has let go and is at rest."""
 
     def after(goals: Floats) -> Callable[[int, Points], float]:
         @cache
@@ -151,7 +152,7 @@ def once_grasped(request: Request, name: str, state: State) -> LookAhead:
 
 
 def _rises(request: Request, name: str, state: State, joints: Points) -> bool:
-    """Whether the arm can raise what it grasps at joints (dof,), where that is what comes next."""
+    """Whether the arm can raise what it grasps at joints (dof,), if it has to carry or place it next."""
     following = next(iter(request.following), None)
     if following is None or following.verb not in ("carry", "place"):
         return True
@@ -165,7 +166,7 @@ def _rises(request: Request, name: str, state: State, joints: Points) -> bool:
 
 
 def once_placed(request: Request, state: State) -> LookAhead:
-    """The agent draws back, and goes to rest or leaves what it has placed to the one that takes it next."""
+    """Look-ahead of a placement: the agent retreats to rest, or leaves the object to its taker."""
     name, tcp_from_object = state.held[request.agent]
     taker = request.taker(name)
     rest = posture_rad("home", request.task, request.agent)
@@ -184,22 +185,22 @@ def once_placed(request: Request, state: State) -> LookAhead:
 
 
 def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: State) -> Iterator[Line]:
-    """The motions of the subgoals that move the thing; a lift, where a later proposal will say what comes."""
+    """The motions of the subgoals that move the object; a lift, where a later proposal decides on them."""
     reach, agent = request.reach, request.agent
     moving = [*takewhile(lambda each: each.object == name and each.verb in _WITH_HELD, request.following)]
-    rest = None  # nobody waits until a giver is there
+    rest = None  # with a taker: nobody waits until the giver is at rest
     if request.taker(name) is None:
         rest = posture_rad("home", request.task, agent)
     if not moving:
         yield partial(_lifted, reach, agent, EXPECTED_M)
     for each in moving:
         if each.verb == "lift":
-            assert each.height_m is not None  # parse_subgoal has seen to it
+            assert each.height_m is not None  # ensured by `read_subgoal`
             yield partial(_lifted, reach, agent, each.height_m)
             continue
         try:
             tiers = ends(request.task, each, state, tcp_from_object)
-        except Unreachable:  # that will be said when its turn comes
+        except Unreachable:  # raised again when that subgoal is planned
             return
         if each.verb != "place":
             yield reach.arrive(agent, tiers)
@@ -213,7 +214,7 @@ def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: Stat
 
 
 def _taken_s(request: Request, taker: Subgoal, poses: Floats, state: State) -> Floats:
-    """(G,) s in which an agent grasps a thing at world_from_object (G, 4, 4); infinite: it cannot."""
+    """(G,) s that an agent takes to grasp an object at world_from_object (G, 4, 4); infinite: it cannot."""
     name = taker.object or ""
     point = request.task.asset(name).points[taker.point or ""]
     hands = contacts(np.eye(4), point)
@@ -229,7 +230,7 @@ def _lifted(reach: Reach, agent: int, height_m: float, points: Points) -> Points
 
 
 def _takes_s(reach: Reach, lines: Sequence[Line], points: Points) -> float:
-    """How long motions take after one along (K, dof), one by one; infinite where one does not exist."""
+    """Duration of successive motions after one along (K, dof); infinite where one does not exist."""
     total_s = 0.0
     for line in lines:
         found = line(points)

@@ -1,4 +1,4 @@
-"""What planning believes while it looks ahead, and how it asks about obstacles."""
+"""Predicted state of planning, collision queries, and the error for motions that do not exist."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from rf_exp.findings import Cause, Finding, Found, agent_name
 from rf_exp.transforms import Matrix
 
-Obstacle = int | str  # the number of an agent, or the name of a thing
+Obstacle = int | str  # the number of an agent, or the name of an object
 Floats = NDArray[np.float64]
 Points = Floats  # (K, dof) rad
 
 
 class Unreachable(Exception):
-    """No motion carries out a subgoal.
+    """Raised where no motion carries out a subgoal.
 
-    `agents`: the one that cannot, then those that are in its way. `facts` are those of `Found` beside them;
-    `blockage` is where something is in the way.
+    `agents`: the one that cannot, then those in its way. `facts`: further fields of `Found`. `blockage` is
+    set where something is in the way.
     """
 
     def __init__(
@@ -44,34 +44,34 @@ def name_of(obstacle: Obstacle) -> str:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What planning believes at one moment: joints, grippers, what is held, where things are."""
+    """Predicted state at one moment: joints, grippers, held objects, poses of objects."""
 
     qpos: Mapping[int, Floats]  # agent -> (dof,) rad
     gripper: Mapping[int, float]
     held: Mapping[int, tuple[str, Matrix]]  # agent -> object, tcp_from_object
     poses: Mapping[str, Matrix]  # object -> world_from_object
     places: Mapping[str, Matrix] = field(default_factory=dict)
-    targets: frozenset[str] = frozenset()  # objects that the present subgoal is about
+    targets: frozenset[str] = frozenset()  # objects of the present subgoal
 
     def in_hand(self, agent: int) -> frozenset[str]:
-        """What an agent holds, if anything."""
+        """The object that an agent holds, if any."""
         return frozenset({self.held[agent][0]} if agent in self.held else ())
 
 
 @dataclass(frozen=True, eq=False)
 class Blockage:
-    """A motion and what blocks it: enough to measure by how much, which only a refusal has to say."""
+    """A motion and its obstacle; the distance between them is measured only for a refusal."""
 
     agent: int
     points: Points
     state: State
     touches: frozenset[str]
     obstacle: Obstacle
-    where: str = ""  # on the way, where that is known
+    where: str = ""  # part of the motion, where known
 
 
 def obstructed(what: str, *blockages: Blockage, finding: Finding = Finding.BLOCKED) -> Unreachable:
-    """That a subgoal cannot be carried out for what is in the way; measured is the first of the blockages."""
+    """The error for a subgoal that is blocked; the distance is measured for the first of the blockages."""
     first, obstacles = blockages[0], [each.obstacle for each in blockages]
     agents = first.agent, *(each for each in obstacles if isinstance(each, int))
     facts = {"subgoals": (what,), "obstacles": tuple(map(name_of, obstacles))}
@@ -79,9 +79,9 @@ def obstructed(what: str, *blockages: Blockage, finding: Finding = Finding.BLOCK
 
 
 class Blocked(Protocol):
-    """Who or what blocks an agent at joint points, and `between` them; its gripper may touch `touches`.
+    """Collision test: what blocks an agent at joint points, and `between` them; None where they are free.
 
-    Of the `hand` alone, with what it holds, only things are found.
+    The gripper may touch `touches`. With `hand`, the gripper and its load alone are tested, against objects.
     """
 
     def __call__(

@@ -1,4 +1,4 @@
-"""From a joint path to joint targets on the control grid, within velocity and acceleration limits."""
+"""Time parameterisation: joint targets on the control grid, within velocity and acceleration limits."""
 
 import logging
 from functools import cache
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 
-CORNER_RAD = 0.1  # radius at which a corner that `blend` has rounded would be passed as fast
-SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
-LEAST_RAD = 1e-7  # of a path: TOPP-RA finds no motion along 1e-9 to 1e-8, and one control step does for more
+CORNER_RAD = 0.1  # radius of an arc that can be passed as fast as a corner rounded by `blend`
+SPACING_RAD = 0.01  # of path points, largest joint; fine compared with every blended corner
+LEAST_RAD = 1e-7  # shorter paths take one control step, which is ample; TOPP-RA fails along 1e-9 to 1e-8
 
 
 def densify(via: Floats) -> Floats:
@@ -55,11 +55,11 @@ def blend(points: Floats, radius_rad: float) -> Floats:
 
 
 def duration_s(corners: Floats, limits: JointLimits) -> Floats:
-    """(...) about how long `parameterise` makes rest-to-rest motions round corners (..., K, D) rad.
+    """(...) s, estimate for `parameterise` of rest-to-rest motions round corners (..., K, D) rad.
 
-    Legs are straight, corners rounded by `blend`: at each there is a highest speed, between them as much
-    as acceleration allows. Four in five approaches from and to random postures are right within 0.2 s,
-    without bias. Infinite where a corner is NaN.
+    Legs are straight, corners rounded by `blend`: each corner bounds the speed, between them acceleration
+    does. Four in five estimates for approaches between random postures are right within 0.2 s, without bias.
+    Infinite where a corner is NaN.
     """
     moves = np.diff(corners, axis=-2)
     lengths = np.abs(moves).max(axis=-1)
@@ -69,7 +69,7 @@ def duration_s(corners: Floats, limits: JointLimits) -> Floats:
         fastest = np.sqrt(limits.acceleration_rad_s2 * CORNER_RAD / turns)
     speeds = np.zeros((*lengths.shape[:-1], lengths.shape[-1] + 1))  # at the corners
     speeds[..., 1:-1] = np.minimum(fastest, limits.velocity_rad_s)
-    gains = 2 * limits.acceleration_rad_s2 * lengths  # of the square of a speed, at most
+    gains = 2 * limits.acceleration_rad_s2 * lengths  # bound on the change of a squared speed
     for k in range(lengths.shape[-1]):
         speeds[..., k + 1] = np.minimum(speeds[..., k + 1], np.sqrt(speeds[..., k] ** 2 + gains[..., k]))
     for k in reversed(range(lengths.shape[-1])):
@@ -91,7 +91,7 @@ def parameterise(points: Floats, limits: JointLimits) -> Floats:
     duration is rounded up to whole control steps. Uses TOPP-RA (Pham and Pham 2018, `toppra`).
     Raises StageError when no parameterisation exists.
     """
-    # Imported where a path is timed: it brings Matplotlib, and not all that import this module plan.
+    # Imported here as it imports Matplotlib, and not every user of this module times paths.
     from toppra import SplineInterpolator
     from toppra.algorithm import TOPPRA
 
@@ -120,13 +120,13 @@ def parameterise(points: Floats, limits: JointLimits) -> Floats:
         excess = _excess(points[0], timed, limits)
         if excess <= 1.0 + 1e-3:
             return timed
-        # TOPP-RA keeps the limits on its own grid; what the samples exceed them by is taken out by time.
+        # TOPP-RA keeps the limits on its own grid; where the samples exceed them, the motion is slowed down.
         steps = max(steps + 1, int(np.ceil(steps * excess)))
 
 
 @cache
 def _within(limits: JointLimits, dimensions: int) -> "list[Constraint]":
-    """The limits of so many joints, as toppra takes them; it checks them at length."""
+    """toppra's constraints for the limits of so many joints; cached, as it takes long to check them."""
     from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 
     bound = np.ones((dimensions, 1)) * np.array([[-1.0, 1.0]])
@@ -137,7 +137,7 @@ def _within(limits: JointLimits, dimensions: int) -> "list[Constraint]":
 
 
 def _excess(start: Floats, timed: Floats, limits: JointLimits) -> float:
-    """By what factor the samples (T, D) would have to be slowed down to keep the limits."""
+    """The factor by which the samples (T, D) have to be slowed down to keep the limits."""
     positions = np.concatenate([start[None], start[None], timed, timed[-1:]])
     velocity = np.diff(positions, axis=0) / CONTROL_DT_S
     acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S

@@ -1,7 +1,7 @@
 """Motion primitives: each subgoal becomes rest-to-rest segments of one agent (paper, supplementary A).
 
-A verb is a function of a request and the state in which the previous one leaves everything; it gives its
-segments and the state that they leave. So a whole proposal is planned ahead of its execution.
+A primitive maps a request and the state that the previous one leaves to segments and the state that they
+leave, so that a whole proposal is planned ahead of its execution.
 """
 
 from collections.abc import Callable
@@ -27,10 +27,10 @@ from rf_exp.types import CONTROL_HZ, GRIPPER_CLOSED, GRIPPER_OPEN, Segment
 
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 RETREAT_M = 0.08
-FAR_M = 0.3  # from the middle of a thing to where it can be met, at most
+FAR_M = 0.3  # bound on the distance from the origin of an object to its interaction points
 PRESS_ON_M = 0.004  # deeper, where pressing was not enough
-STANDS_M = 0.003  # from a pose to a hand that stands there
-FINGER_M = 0.05  # by which a hand that is turned is beside it
+STANDS_M = 0.003  # tolerance for a gripper to be at a pose
+FINGER_M = 0.05  # lever that converts this tolerance into one of rotation
 ARC_RAD = 0.05  # between postures of a sweep, at most
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
@@ -123,7 +123,7 @@ def press(request: Request, state: State) -> Motion:
 
 
 def _press_on(request: Request, state: State, touches: frozenset[str]) -> Motion:
-    """A little farther: joints may measure something else than they are, and a finger does not press then."""
+    """Presses a little deeper: with an error in the measured joints, a finger may not have pressed."""
     agent = request.agent
     goal = drawn_back(request.tcp(state), -PRESS_ON_M)
     line = request.reach.line(agent, state.qpos[agent], goal)
@@ -135,7 +135,7 @@ def _press_on(request: Request, state: State, touches: frozenset[str]) -> Motion
 
 
 def shut(request: Request, state: State) -> Motion:
-    """Closed fingers sweep a hinged thing over from its back, until its own weight shuts it."""
+    """Closed fingers sweep a hinged object over from its back, until it falls shut by its own weight."""
     task, reach, agent, name = request.task, request.reach, request.agent, _required(request.subgoal.object)
     point, tiers = _met(request, state)
     hinge, begin = _required(task.asset(name).hinge), state.poses[name]
@@ -144,10 +144,10 @@ def shut(request: Request, state: State) -> Motion:
     if open_rad <= falls_rad:
         return (), state  # nothing holds it open
     arc_rad = np.linspace(open_rad, falls_rad, int(np.ceil((open_rad - falls_rad) / ARC_RAD)) + 1)[1:]
-    turns = task.hung(name, state.poses, arc_rad) @ inverse(begin)  # (K, 4, 4) of the thing, in the world
+    turns = task.hung(name, state.poses, arc_rad) @ inverse(begin)  # (K, 4, 4) of the object, in the world
 
     def arc(contact: Matrix) -> Floats:
-        """(K, 4, 4) TCP poses; the hand does not turn with the thing, as an arm that is far off could not."""
+        """(K, 4, 4) TCP poses; the gripper does not turn with the object, as a distant arm could not."""
         poses = np.tile(contact, (len(turns), 1, 1))
         poses[:, :3, 3] = (turns @ contact)[:, :3, 3]
         return poses
@@ -181,7 +181,7 @@ def shut(request: Request, state: State) -> Motion:
 
 
 def leave(request: Request, state: State) -> Motion:
-    """To rest, or to the retracted posture, on a free path."""
+    """Moves to rest, or to the retracted posture, on a free path."""
     posture = "aside" if request.subgoal.verb == "aside" else "home"
     goal = posture_rad(posture, request.task, request.agent)
     points = request.reach.freely(request.agent, goal, state, f"go {posture}")
@@ -189,16 +189,16 @@ def leave(request: Request, state: State) -> Motion:
     return (leaving,), state
 
 
-_NAMED = (grasp, lift, carry, place, strike, release, press, shut)  # each has the name of its verb
+_NAMED = (grasp, lift, carry, place, strike, release, press, shut)  # named like their verbs
 _PRIMITIVES: dict[str, Primitive] = {primitive.__name__: primitive for primitive in _NAMED}
 _PRIMITIVES |= {"home": leave, "aside": leave, "hold": lambda _, state: ((), state)}
 
 
 def add_primitive(verb: str, primitive: Primitive) -> None:
-    """How a verb that was added (`rf_exp.statements.add_verb`) is carried out.
+    """Registers the motion primitive of a verb that was added with `rf_exp.statements.add_verb`.
 
     A primitive finds timed points with `request.reach`, makes segments of them with `request.segment`, and
-    raises Unreachable where it cannot. Raises ArgumentError for a verb that nobody has added or that has one.
+    raises Unreachable where it cannot. Raises ArgumentError for a verb that is unknown or has a primitive.
     """
     if verb not in VERBS:
         raise choices("verb", verb, VERBS)
@@ -208,23 +208,23 @@ def add_primitive(verb: str, primitive: Primitive) -> None:
 
 
 def estimated_s(request: Request, state: State) -> float:
-    """About how long it takes to grasp or press a thing and to do with it what comes next.
+    """Estimated duration of grasping or pressing an object, and of what the agent does with it next.
 
-    Infinite where the agent cannot reach it, or what comes next, or holds another thing.
+    Infinite where the agent cannot reach either, or holds another object.
     """
     name = _required(request.subgoal.object)
     if state.in_hand(request.agent) - {name}:
         return np.inf
     arm = request.reach.arms[request.agent]
     if np.linalg.norm(state.poses[name][:2, 3] - arm.world_from_base[:2, 3]) > arm.robot.reach_m + FAR_M:
-        return np.inf  # sooner known than by kinematics
+        return np.inf  # cheaper than kinematics
     point, tiers = _met(request, state)
     look_ahead = once_grasped(request, name, state)
     return request.reach.estimated_s(request.agent, tiers, point.standoff_m, state, look_ahead)
 
 
 def _presses(tcp: Matrix, tiers: Tiers) -> bool:
-    """Whether a hand stands where it presses, or farther on."""
+    """Whether the TCP is at a pose in which it presses, or beyond."""
     for goal in np.concatenate([np.stack(tier) for tier in tiers]):
         tcp_from_goal = inverse(goal) @ tcp
         beside_m, on_m = np.linalg.norm(tcp_from_goal[:2, 3]), tcp_from_goal[2, 3]
@@ -235,7 +235,7 @@ def _presses(tcp: Matrix, tiers: Tiers) -> bool:
 
 
 def _met(request: Request, state: State) -> tuple[InteractionPoint, Tiers]:
-    """The point at which the gripper meets the thing of a subgoal, and the TCP poses in which it does."""
+    """The interaction point of the object of a subgoal, and the TCP poses at contact."""
     name = _required(request.subgoal.object)
     point = request.task.asset(name).points[_required(request.subgoal.point)]
     goals = contacts(state.poses[name], point)
@@ -250,7 +250,7 @@ def lift_line(request: Request, state: State) -> Points:
     line = request.reach.line(agent, state.qpos[agent], goal)
     if line is None:
         raise Unreachable(Cause.REACH, Finding.TOO_HIGH, (agent,), subgoals=(subgoal.text,))
-    # What is lifted leaves the thing it stands on, which it touches at the start.
+    # At the start the lifted object touches the object that supports it.
     name = _required(subgoal.object)
     supports = request.task.objects[name].relative_to
     touches = frozenset({name, supports} if supports else {name})
@@ -261,7 +261,7 @@ def lift_line(request: Request, state: State) -> Points:
 
 def _let_go(request: Request, state: State, touches: frozenset[str]) -> Motion:
     agent = request.agent
-    # From the first opening on nothing is held, only touched.
+    # Once the gripper opens, the object is no longer held, only touched.
     state = replace(state, held={each: what for each, what in state.held.items() if each != agent})
     opened, state = _fingers(request, "open", GRIPPER_OPEN, state, touches)
     retreat, state = _draw_back(request, state, touches)
@@ -293,12 +293,12 @@ def _fingers(
 
 
 def _required(value: T | None) -> T:
-    assert value is not None  # parse_subgoal has seen to it
+    assert value is not None  # ensured by `read_subgoal`
     return value
 
 
 @cache
 def _tips(most_deg: float) -> tuple[Matrix, ...]:
-    """Turns about the y axis of a TCP, by which a grasp may be tipped; the least first."""
+    """Rotations about the y axis of a TCP by which a grasp may be tipped, the smallest first."""
     angles = (tip for tip in _TIPS_DEG if abs(tip) <= most_deg)
     return tuple(transform(rotation=Rotation.from_euler("y", angle, degrees=True)) for angle in angles)

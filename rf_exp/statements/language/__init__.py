@@ -1,1 +1,1 @@
-"""The grammar of sentences: notation of forms, verbs, units, events and names, and how a sentence is read."""
+"""The grammar of sentences: notation of patterns, verbs, units, events and names, and the parser."""

@@ -1,4 +1,4 @@
-"""What statements are made of: names of a task, moments of its plans, the words of a sentence."""
+"""Base classes of statements, and their parts: names of a task, events of its plans, words of a sentence."""
 
 import re
 from abc import ABC, abstractmethod
@@ -20,13 +20,13 @@ from rf_exp.statements.language.notation import (
 from rf_exp.statements.language.verbs import VERBS
 from rf_exp.types import ANYBODY, Kind, Subgoal
 
-TABLE = "table"  # what named places lie on
-ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
+TABLE = "table"  # surface of named places
+ZONE_LIMIT_M = 10.0  # largest coordinate of a zone
 MAX_WAIT_S = 600.0
-TOGETHER_S = 0.1  # what `simultaneously` means when no time is given
-_SYNONYMS = {"centre": "center", "middle": "center"}  # of points
+TOGETHER_S = 0.1  # tolerance of `simultaneously` unless a time is given
+_SYNONYMS = {"centre": "center", "middle": "center"}  # of names of points
 
-Names = tuple[tuple[str, str | None], ...]  # of objects, each with an interaction point where one is named
+Names = tuple[tuple[str, str | None], ...]  # (object, its interaction point where one is named)
 
 
 def listed(agents: tuple[int, ...]) -> str:
@@ -48,25 +48,25 @@ class Vocabulary:
         return tuple(self.points)
 
     def named(self, name: str) -> str | None:
-        """The object of that name, whatever its case: sentences are read in lower case."""
+        """The object of that name, ignoring case: sentences are read in lower case."""
         return _named(name, self.points)
 
     def agent(self, number: int, where: str) -> int:
-        """The agent of that number. Raises ArgumentError that names those there are."""
+        """The agent of that number. Raises ArgumentError that lists the known ones."""
         if number not in self.agents:
             unknown = choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
             raise Misread(unknown, Finding.UNKNOWN_AGENT)
         return number
 
     def object(self, name: str, where: str) -> str:
-        """The object of that name. Raises ArgumentError that names those there are."""
+        """The object of that name. Raises ArgumentError that lists the known ones."""
         found = self.named(name)
         if found is None:
             raise Misread(choices(f"object in {where}:", name, self.points), Finding.UNKNOWN_OBJECT)
         return found
 
     def point(self, name: str, point: str, where: str) -> str:
-        """The interaction point of an object. Raises ArgumentError that names those there are."""
+        """The interaction point of an object. Raises ArgumentError that lists the known ones."""
         points = self.points[name]
         found = _named(point, points) or _named(_SYNONYMS.get(point, point), points)
         if found is None:
@@ -75,7 +75,7 @@ class Vocabulary:
         return found
 
     def __str__(self) -> str:
-        """All of it in a line, for the message of an error."""
+        """All names in one line, for error messages."""
         things = (f"{name} ({', '.join(points)})" if points else name for name, points in self.points.items())
         return (
             f"agents: {', '.join(map(agent_name, self.agents))}; "
@@ -84,14 +84,14 @@ class Vocabulary:
 
 
 def _named(name: str, names: Iterable[str]) -> str | None:
-    """The one that is so called; where case tells two apart, the one that is written so."""
+    """The matching one of some names, ignoring case; an exact match comes first."""
     alike = [each for each in names if each.lower() == name.lower()]
     return name if name in alike else next(iter(alike), None)
 
 
 @dataclass(frozen=True)
 class Step:
-    """A part of an agent's plan: the subgoals with this verb and object, or all of it."""
+    """A part of an agent's plan: the subgoals with this verb and object, or the whole plan."""
 
     agent: int
     verb: str | None = None
@@ -102,7 +102,7 @@ class Step:
         return ((self.object, None),) if self.object else ()
 
     def does(self, otherwise: str) -> str:
-        """`lift lid`; otherwise where it is all that the agent does."""
+        """`lift lid`; `otherwise` where it is the whole plan."""
         return f"{self.verb} {self.object}" if self.verb else otherwise
 
     @property
@@ -111,14 +111,14 @@ class Step:
 
     @property
     def ended(self) -> str:
-        """`Agent_2 lifts lid`, or `Agent_2 has finished`: over from then on."""
+        """Text of its end: `Agent_2 lifts lid`, or `Agent_2 has finished`."""
         what = f"{VERBS[self.verb].third_person} {self.object}" if self.verb else "has finished"
         return f"{agent_name(self.agent)} {what}"
 
 
 @dataclass(frozen=True)
 class LiesOn:
-    """An object has been put down where it belongs: on another object, or on the table."""
+    """Event: an object has been put down on another object, or on the table."""
 
     object: str
     surface: str = TABLE
@@ -136,9 +136,9 @@ Event = Step | LiesOn
 
 
 class Words:
-    """The parts of a matched sentence, looked up in the vocabulary of a task.
+    """The parts of a matched sentence (groups of its pattern), looked up in the vocabulary of a task.
 
-    `filed` are the agents under which an answer lists it. Its parts are the groups of the pattern.
+    `filed` are the agents under which an answer lists the sentence.
     """
 
     def __init__(
@@ -157,12 +157,12 @@ class Words:
         return self._known(self._part("agent", key))
 
     def agents(self) -> tuple[int, ...]:
-        """The agents of the sentence; where it names none those it is filed under, or else all."""
+        """The agents that the sentence names; without any, those it is filed under, or else all."""
         named = map(self._known, re.findall(AGENT, self["agents"])) if "agents" in self else self._filed
         return self.several(tuple(dict.fromkeys(named)) or self.vocabulary.agents)
 
     def pair(self) -> tuple[int, int]:
-        """The two agents of a sentence that is about one and another one."""
+        """The agent of the sentence, and its other agent."""
         one, other = self.several((self.agent(), self.agent("other")))
         return one, other
 
@@ -179,10 +179,10 @@ class Words:
         return self.vocabulary.point(name, self["point"], self._where)
 
     def verb(self, key: str = "", contact: bool = False) -> str | None:
-        """The verb of a subgoal that a word stands for; None where the sentence has none.
+        """The subgoal verb that a word stands for; None where the sentence has none.
 
-        `contact` is whether the sentence says where or whence the gripper comes. Raises ArgumentError for a
-        word that says something else here.
+        `contact` is whether the sentence gives a point or a direction of contact. Raises ArgumentError for a
+        word that means something else here.
         """
         if (word := self._parts.get(f"{key}_verb" if key else "verb")) is None:
             return None
@@ -194,12 +194,12 @@ class Words:
         return verb.name
 
     def direction(self) -> str:
-        """Perpendicular, vertical, horizontal or level, of a gripper that is so or comes so."""
+        """The orientation of the gripper: perpendicular, vertical, horizontal or level."""
         words = {"from above": "vertical", "from the side": "horizontal"}
         return words.get(self["direction"], self["direction"].removesuffix("ly"))
 
     def step(self, key: str = "") -> Step:
-        """The part of an agent's plan that the sentence speaks of; all of it where it names no verb."""
+        """The part of an agent's plan that the sentence names; the whole plan without a verb."""
         verb = self.verb(key)
         return Step(self.agent(key), verb, self.object(key)) if verb else Step(self.agent(key))
 
@@ -218,7 +218,7 @@ class Words:
     def quantity(
         self, part: Quantity, largest: float, default: float | None = None, smallest: float = 0.0
     ) -> float:
-        """A length in m, a time in s, an angle in deg or a speed in m/s; the default where none is said."""
+        """A length in m, a time in s, an angle in deg or a speed in m/s; the default where none is given."""
         if part not in self and default is not None:
             return default
         value = quantity(part, self[part], self["unit"])
@@ -229,7 +229,7 @@ class Words:
         return value
 
     def zone(self) -> tuple[Vector, Vector]:
-        """The corners of a box, m."""
+        """The lowest and the highest corner of a box, m."""
         corners = [[float(n) + 0.0 for n in re.findall(NUMBER, self[key])] for key in ("low", "high")]
         if max(abs(value) for corner in corners for value in corner) > ZONE_LIMIT_M:
             raise self.refused(f"is not possible: zones lie within {ZONE_LIMIT_M:g} m of the origin")
@@ -254,14 +254,14 @@ _KINDS: list[type["Statement"]] = []
 
 
 class Statement(ABC):
-    """A constraint on a plan. Subclasses are frozen dataclasses; each becomes known by being defined.
+    """A constraint on a plan. Subclasses are frozen dataclasses, each registered when it is defined.
 
-    `read(statement.sentence, ...)` gives the statement again: a law over all kinds.
+    `read(statement.sentence, ...)` returns an equal statement, for every kind.
     """
 
     kind: ClassVar[Kind]
-    patterns: ClassVar[tuple[str, ...]]  # that are read as it: `rf_exp.statements.language.notation`
-    samples: ClassVar[tuple["Statement", ...]]  # whose sentences stand in prompts
+    patterns: ClassVar[tuple[str, ...]]  # of its sentences: `rf_exp.statements.language.notation`
+    samples: ClassVar[tuple["Statement", ...]]  # whose sentences are shown in prompts
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
@@ -270,7 +270,7 @@ class Statement(ABC):
 
     @property
     def agents(self) -> tuple[int, ...]:
-        """Those it is about, in the order of the sentence."""
+        """The agents that it concerns, in the order of the sentence."""
         return tuple(part.agent for part in vars(self).values() if isinstance(part, Step))
 
     @property
@@ -279,14 +279,14 @@ class Statement(ABC):
 
     @property
     def names(self) -> Names:
-        """The objects it speaks of, each with an interaction point where it names one."""
+        """The objects that it names, each with an interaction point where it names one."""
         named, parts = getattr(self, "object", None), vars(self).values()
         own = ((named, None),) if named else ()
         return *own, *(name for part in parts if isinstance(part, Event) for name in part.names)
 
     @classmethod
     def reading(cls, words: Words) -> "Statement":
-        """The statement of the words that a pattern found. Raises ArgumentError where they make none."""
+        """The statement of the words of a matched pattern. Raises ArgumentError where they make none."""
         raise NotImplementedError(f"{cls.__name__} does not say how its patterns are read")
 
     def known_in(self, vocabulary: Vocabulary) -> Self:
@@ -338,7 +338,7 @@ def kinds() -> Iterator[type[Statement]]:
 
 @dataclass(frozen=True)
 class Proposal:
-    """RoboBrain's answer: what each agent does next, and the constraints that must hold."""
+    """RoboBrain's answer: the next subgoals of each agent, and the constraints that must hold."""
 
     subgoals: tuple[Subgoal, ...]  # in the order of the plan; an agent's own are serial
     constraints: tuple[Statement, ...]

@@ -1,12 +1,12 @@
-"""The small notation in which patterns of sentences are written, and the words that a pattern found.
+"""Notation of sentence patterns, and the words that a matched pattern found.
 
-`{agent}` an agent, `{agents}` several, `{verb}` a verb of a subgoal, `{does}` one in the present, `{meets}`
-one by which a gripper meets a point, `{doing}` the -ing form, `{object}`, `{point}`, `{s}` a time, `{m}` a
-length, `{deg}` an angle, `{speed}`, `{low}` and `{high}` corners of a box; `{must}`, `{may}`, `{not}` and
-so on ways to say so. Composed: `{did}` what must happen, and then is over (Agent_2 must lift lid),
-`{ended}` that it is over (Agent_2 has lifted the lid, the lid is on the table), `{starts}` that something
-begins. A second word tells apart what stands twice: `{agent then}`. The rest is a regular expression
-without wildcards, over words in lower case.
+Tokens: `{agent}` an agent, `{agents}` several, `{verb}` a verb of a subgoal, `{does}` one in the present,
+`{meets}` one by which a gripper meets a point, `{doing}` the -ing form, `{object}`, `{point}`, `{s}` a time,
+`{m}` a length, `{deg}` an angle, `{speed}`, `{low}` and `{high}` corners of a box; `{must}`, `{may}`, `{not}`
+and so on, each with its synonyms. Composed: `{did}` an event that must happen, and then is over (Agent_2 must
+lift lid), `{ended}` one that is over (Agent_2 has lifted the lid, the lid is on the table), `{starts}` a
+beginning. A second word distinguishes tokens that occur twice: `{agent then}`. The rest is a regular
+expression without wildcards, over words in lower case.
 """
 
 import re
@@ -21,7 +21,7 @@ from rf_exp.statements.language.verbs import VERBS
 
 Vector = tuple[float, float, float]
 Quantity = Literal["m", "s", "deg", "speed"]
-Worth = tuple[float, float]  # times, per: a number of a unit is that number * times / per of the base unit
+Worth = tuple[float, float]  # (times, per): a number in the unit times `times / per` is in the base unit
 
 
 def _listed(table: Mapping[str, Worth]) -> dict[str, Worth]:
@@ -57,7 +57,7 @@ def alternatives(words: Iterable[str]) -> str:
 
 
 def quantity(kind: Quantity, number: str, unit: str) -> float:
-    """A number of a unit in m, s, deg or m/s."""
+    """A number with a unit, converted to m, s, deg or m/s."""
     times, per = UNITS[kind][unit]
     return (float(number) + 0.0) * times / per
 
@@ -70,7 +70,7 @@ _NO_NOUN = (
 )
 _NOUN = rf"(?!(?:{_NO_NOUN})\b)\w+"
 _NAME = rf"(?:(?:the|an?|its) )?{_NOUN}(?: {_NOUN})?"
-ANYBODYS = "agent_any"  # in the place of an agent of a number
+ANYBODYS = "agent_any"  # in place of a numbered agent
 AGENT = rf"(?:agent_\d{{1,3}}|{ANYBODYS})"
 
 _TOKENS: Mapping[str, str] = {
@@ -116,7 +116,7 @@ _TOKENS: Mapping[str, str] = {
         r"(?:(?:the |any |all |all the |other |any other |the other |all other )?(?:objects|obstacles)|"
         r"any (?:other )?(?:object|obstacle)|(?:the |its )?(?:environment|surroundings))"
     ),
-    # An action: `Agent_2 lifts lid`, whatever the form of the verb.
+    # An action: `Agent_2 lifts lid`, in any form of the verb.
     "did": (
         r"(?:{agent KEY} (?:{must} )?(?:have |has )?{verb KEY} {object KEY}|"
         r"{agent KEY} (?:{must} )?{end}(?: {task}| {doing KEY} {object KEY})?|"
@@ -140,7 +140,7 @@ _TOKEN = re.compile(r"\{(in turn|collide with|\w+)(?: (\w*))?\}")
 
 
 def compiled(notation: str) -> re.Pattern[str]:
-    """The pattern of a notation. A part that stands in two alternatives is numbered; `found` takes it off."""
+    """The pattern of a notation. Groups are numbered: one may be in two alternatives; `found` undoes it."""
     return _compiled(notation, tuple(VERBS))
 
 
@@ -180,12 +180,12 @@ def found(match: re.Match[str]) -> dict[str, str]:
 
 
 def object_name(words: str) -> str:
-    """The name that words for an object stand for."""
+    """The object name that words stand for: `red_cube` for `the red cube`."""
     return re.sub(r"^(?:the|an?|its) ", "", words).replace(" ", "_")
 
 
 def number(value: float) -> str:
-    """A number as sentences have it: no shorter than it is, and without `.0`."""
+    """A number as written in sentences: all its digits, without `.0`."""
     return repr(float(value)).removesuffix(".0")
 
 

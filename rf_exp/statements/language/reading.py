@@ -1,9 +1,8 @@
-"""From an English sentence to the statement that it makes, and from a line to the subgoal in it.
+"""Parser of English sentences into statements, and of lines into subgoals.
 
-A sentence is matched by patterns and never executed. It is understood whole or refused whole: a pattern has
-no place for words that it does not read, so what no pattern reads from the first word to the last is
-refused, with the words that are in the way. Nothing may be left out but what changes no meaning: articles,
-`both`, case, the closing full stop. May, can and could are no must.
+A sentence is matched by patterns and never executed. It is understood or refused as a whole: one that no
+pattern matches from the first word to the last is refused, with the words that are in the way. Only what has
+no meaning is optional: articles, `both`, case, the closing full stop. May, can and could do not mean must.
 """
 
 import re
@@ -29,9 +28,9 @@ from rf_exp.statements.language.verbs import PARTS, VERBS
 from rf_exp.types import Kind, Subgoal
 
 MAX_LENGTH = 300  # characters; a constraint is one sentence
-_LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
+_LONGEST_RUN = 8  # longest run of words inside a sentence that is tried as being in the way
 _WORD = re.compile(r"[^\W\d_]+")
-# In a pattern: a word, or with and without its last letter.
+# Words of a pattern; the second group marks an optional last letter.
 _WRITTEN = re.compile(r"\(\?P<\w+>|([a-z]+)(\??)")
 
 _AGENTS = r"(?:agents?|robots?|arms?)"
@@ -42,7 +41,7 @@ _SEVERAL = re.compile(
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
 _ANYBODY = re.compile(r"\b(?:anybody|anyone|any (?:agent|robot arm|robot|arm))\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
-# Words that people often use, and that no statement stands for, with what to say instead.
+# Common wording that no statement covers -> advice on what to write instead.
 _ADVICE = {
     r"\b(?:stop(?:s|ped|ping)?|pauses?|halts?)\b": (
         "no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
@@ -62,7 +61,7 @@ _SHORT = {"mustn't": "must not", "shouldn't": "should not", "can't": "cannot", "
 
 @dataclass(frozen=True)
 class Unread(Statement):
-    """A sentence that is not understood, as it was written, and why."""
+    """A sentence that is not understood: its text, and the reason."""
 
     kind: Kind  # pyright: ignore[reportIncompatibleVariableOverride]
     filed: tuple[int, ...]  # the agents under which it is listed
@@ -84,11 +83,11 @@ class Unread(Statement):
 
 
 def read(text: str, vocabulary: Vocabulary, filed: Sequence[int] = ()) -> Statement:
-    """The statement that a sentence makes, in the vocabulary of a task.
+    """The statement of a sentence, in the vocabulary of a task.
 
-    `filed` are the agents under which an answer lists it: those of a sentence that names none. Raises
-    ArgumentError when no pattern reads the whole sentence (naming the words in the way and the nearest that
-    is understood), or when it names an agent, object or point that does not exist (naming those that do).
+    `filed` are the agents under which an answer lists it, used where it names none. Raises ArgumentError when
+    no pattern matches the whole sentence (with the words in the way and the nearest sentence that is
+    understood), or when it names an agent, object or point that does not exist (with those that do).
     """
     if len(text) > MAX_LENGTH:
         raise ArgumentError(
@@ -102,7 +101,7 @@ def read(text: str, vocabulary: Vocabulary, filed: Sequence[int] = ()) -> Statem
 
 
 def understood(text: str, vocabulary: Vocabulary, kind: Kind, filed: Sequence[int] = ()) -> Statement:
-    """As `read`; an `Unread` where that raises."""
+    """As `read`, but returns an `Unread` where that raises."""
     try:
         return read(text, vocabulary, filed)
     except ArgumentError as error:
@@ -111,7 +110,7 @@ def understood(text: str, vocabulary: Vocabulary, kind: Kind, filed: Sequence[in
 
 
 def samples() -> Iterator[Statement]:
-    """Statements of every kind whose sentences show how constraints are written."""
+    """Sample statements of every kind, to show how constraints are written."""
     return (sample for kind in kinds() for sample in kind.samples)
 
 
@@ -152,7 +151,7 @@ def _not_understood(text: str, words: Sequence[str], vocabulary: Vocabulary) -> 
 
 
 def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
-    """The sentence that most of the words make, and the others: the end, or a run anywhere."""
+    """The nearest sentence that is understood, and the words in the way: the end, or a run anywhere."""
     count = len(words)
     tails = [(start, count) for start in range(count - 1, 0, -1)]
     runs = [(k, k + length) for length in range(1, _LONGEST_RUN + 1) for k in range(count - length, -1, -1)]
@@ -190,7 +189,7 @@ def _known_words(known: tuple[type[Statement], ...], verbs: tuple[str, ...]) -> 
 
 
 LONGEST = 200  # characters of a subgoal
-HIGHEST_M = 100.0  # no arm comes near it; what it reaches is for the planner to say
+HIGHEST_M = 100.0  # far beyond every arm; the planner checks reach
 _SHOWN = 80
 _SUBGOAL = re.compile(
     r"(?P<verb>\w+)"
@@ -207,7 +206,7 @@ def subgoal_forms() -> tuple[str, ...]:
 
 
 def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
-    """The subgoal in a line. Raises ArgumentError with the forms or names that exist."""
+    """The subgoal of a line. Raises ArgumentError with the forms or names that exist."""
     match = _SUBGOAL.fullmatch(" ".join(text.split())) if len(text) <= LONGEST else None
     verb = VERBS.get(match["verb"].lower()) if match else None
     where = f"subgoal {text.strip()[:_SHOWN]!r} of {agent_name(agent)}"

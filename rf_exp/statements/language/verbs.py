@@ -1,7 +1,7 @@
-"""The verbs of subgoals: what each needs, how it is written, and the words that people use for it.
+"""The verbs of subgoals: what each needs, how it is written, and its synonyms.
 
-One table for plans, for the reading of subgoals and of sentences, and for the prompt. A verb of somebody
-else is added with `add_verb`.
+One table for plans, for parsing subgoals and sentences, and for the prompt. A verb from outside of the
+package is added with `add_verb`.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from typing import Literal
 from rf_exp.errors import ArgumentError
 
 Part = Literal["object", "point", "target", "target_point", "height_m"]
-PARTS: Mapping[Part, str] = {  # with how each stands in the form of a subgoal
+PARTS: Mapping[Part, str] = {  # part -> its place in the form of a subgoal
     "object": "OBJECT",
     "point": "at POINT",
     "target": "to TARGET",
@@ -24,20 +24,20 @@ PARTS: Mapping[Part, str] = {  # with how each stands in the form of a subgoal
 
 @dataclass(frozen=True)
 class Narrow:
-    """A word that means a verb in some sentences, and something else in others, which are refused."""
+    """A synonym that means its verb only in some sentences; others are refused."""
 
     word: str  # its five forms, as in `Verb.words`
-    otherwise: str  # what it says there, of {object}, and what is to be said instead
-    of: str = ""  # it means the verb of things with this name, such as lid or pot_lid
-    contact: bool = False  # it means the verb where a sentence says at which point or whence a gripper comes
+    otherwise: str  # for the error: why it is not clear for {object}, and what to write instead
+    of: str = ""  # it means the verb for objects of this name, such as lid or pot_lid
+    contact: bool = False  # it means the verb where a sentence gives a point or a direction of contact
 
 
 @dataclass(frozen=True)
 class Verb:
-    """One verb.
+    """A verb of subgoals.
 
-    `words` are what people say: for each synonym its base form, third person, past, past participle and
-    -ing form, with underscores for spaces; the first is the verb itself. `narrow` ones mean it at times.
+    `words` are its synonyms, the first the verb itself, each as base form, third person, past, past
+    participle and -ing form, with underscores for spaces. `narrow` ones mean it only in some sentences.
     """
 
     name: str
@@ -63,26 +63,26 @@ class Verb:
 
     @property
     def is_contact(self) -> bool:
-        """Whether a gripper meets an annotated point by it."""
+        """Whether a gripper makes contact at an annotated point."""
         return self.meets in CONTACT_KINDS
 
     def narrowed(self, word: str) -> Narrow | None:
-        """When a word for it means it; None for one that always does."""
+        """The `Narrow` of a word; None for one that always means the verb."""
         return next((each for each in self.narrow if word in _forms(each.word)), None)
 
     @cached_property
     def forms(self) -> tuple[tuple[str, ...], ...]:
-        """The five forms of every word for it."""
+        """The five forms of every synonym."""
         return tuple(map(_forms, (*self.words, *(each.word for each in self.narrow))))
 
     @property
     def said(self) -> list[str]:
-        """Every form of every word for it."""
+        """Every form of every synonym."""
         return [form for forms in self.forms for form in forms]
 
     @property
     def finite(self) -> list[str]:
-        """Every word for it but the -ing forms."""
+        """Every form of every synonym but the -ing forms."""
         return [form for forms in self.forms for form in forms[:4]]
 
     @property
@@ -105,7 +105,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(_VERBS)
 
 
 def add_verb(verb: Verb) -> None:
-    """Make a verb known. Raises ArgumentError where its name, or a word for it, means another one."""
+    """Registers a verb. Raises ArgumentError where its name or a synonym means another one."""
     taken = {word: known.name for known in _VERBS.values() for word in known.said}
     for word in (verb.name, *verb.said):
         if word in taken or word in _VERBS:
