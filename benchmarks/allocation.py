@@ -1,14 +1,14 @@
-"""Who does what: assignments against enumeration and simple rules, and what they are worth in schedules.
+"""Task allocation: assignments against enumeration and simple rules, and their effect on schedules.
 
     python benchmarks/allocation.py [--seeds 20] [--scenes 5] [--parts loads,reach,pool]
 
-*loads*: drawn times of 5 to 40 jobs of 2 to 8 agents, a third out of reach: the largest load against every
+*loads*: random times of 5 to 40 jobs of 2 to 8 agents, a third out of reach: the largest load against every
 assignment where there are at most 20 000, against the proven bound, and against two rules: the longest job
-first, to the agent that is then done soonest (greedy), and each to who takes least time (soonest). *reach*: 8
-arms in a circle and 40 poses to be reached, the setting of RoboBallet (2025), in a cell of our own. *pool*:
-scenes of `pool_3x3`; each of the 27 assignments is planned, scheduled and checked, so the makespan of the
-chosen one has a place among those of all; nearest: each thing to the nearest base. Seconds are of the
-processor. The last line is JSON.
+first, to the agent that then finishes soonest (greedy), and each job to the agent that takes least time
+(soonest). *reach*: 8 arms in a circle and 40 poses to reach, the setting of RoboBallet (2025), in a cell of
+our own. *pool*: scenes of `pool_3x3`; each of the 27 assignments is planned, scheduled and checked, which
+ranks the makespan of the chosen one among all; nearest: each object to the nearest base. Times are CPU
+seconds. The last line is JSON.
 """
 
 import argparse
@@ -33,13 +33,13 @@ from rf_exp.transforms import from_axes
 from rf_exp.types import ConstraintSet, JointLimits
 
 SIZES = ((5, 2), (5, 3), (6, 4), (8, 3), (8, 8), (16, 8), (40, 8))  # jobs, agents
-MOST = 20_000  # assignments that are all looked at
+MOST = 20_000  # assignments up to which all are enumerated
 REACHED = 40  # poses
 Row = dict[str, Any]
 
 
 def compared(takes_s: NDArray[np.float64]) -> Row:
-    """One instance (J, N) s."""
+    """Row of one instance with times (J, N) in s."""
     jobs, agents = takes_s.shape
     nothing = np.zeros(agents)
     began = time.process_time()
@@ -58,7 +58,7 @@ def compared(takes_s: NDArray[np.float64]) -> Row:
 
 
 def summary(rows: list[Row]) -> Row:
-    """Means of the quotients over the instances of a size."""
+    """Mean ratios over the instances of a size."""
 
     def over(key: str, by: str) -> float:
         return round(float(np.mean([row[key] / row[by] for row in rows])), 4)
@@ -77,7 +77,7 @@ def summary(rows: list[Row]) -> Row:
 
 
 def drawn(seed: int, jobs: int, agents: int) -> NDArray[np.float64]:
-    """(J, N) s; each job is in reach of one agent at least."""
+    """Random times (J, N) in s, infinite out of reach; each job is in reach of at least one agent."""
     rng = np.random.default_rng([seed, jobs, agents])
     takes_s = rng.uniform(2.0, 9.0, (jobs, agents))
     takes_s[rng.random((jobs, agents)) < 1 / 3] = np.inf
@@ -86,7 +86,7 @@ def drawn(seed: int, jobs: int, agents: int) -> NDArray[np.float64]:
 
 
 def reached(seed: int) -> NDArray[np.float64]:
-    """(40, 8) s there and back, of poses drawn over a table round which eight arms stand."""
+    """Times (40, 8) in s, there and back, of random poses over a table surrounded by eight arms."""
     task = named_task("ring_8x1")
     assert task is not None
     reach = Reach(
@@ -112,7 +112,7 @@ def reached(seed: int) -> NDArray[np.float64]:
 
 
 def makespan(task: Task, proposal: Proposal, seed: int) -> int | None:
-    """Control steps of the checked plan; None where there is none."""
+    """Makespan of the checked plan in control steps; None where there is no plan."""
 
     class Said:
         name = "said"
@@ -129,7 +129,7 @@ def makespan(task: Task, proposal: Proposal, seed: int) -> int | None:
 
 
 def scene(seed: int) -> Row:
-    """Each assignment of a scene of three things and three arms."""
+    """Makespans of a scene with three objects and three arms: chosen, best and nearest assignment."""
     task = named_task("pool_3x3")
     assert task is not None
     start = task.of(seed).start(seed).scene

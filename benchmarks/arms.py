@@ -1,12 +1,12 @@
-"""How planning, success and schedules grow with the number of arms: ring, tower, chain and lift.
+"""Scaling of planning, success and schedules with the number of arms: ring, tower, chain and lift.
 
     python benchmarks/arms.py [--families ring,tower] [--arms 1,8] [--things 1,2] [--seeds 20] [--out FOLDER]
 
-Seeds 0, 1, .. of each family with each number of arms and of things, undisturbed, without pictures. A row a
-seed in FOLDER/rows.jsonl, which is gone on with; a cell has a process of its own. Seconds are of the
-processor: of motion, schedule (with its diagrams), checks, the simulator's steps, and the whole episode. The
-last line is JSON: of each cell the mean of these, its successes, contacts, makespan against the proven bound,
-and peak memory; of each family the exponent with which planning grows with the number of arms, from 2 on.
+Seeds 0, 1, .. of each family with each number of arms and of objects, undisturbed, without pictures. One row
+per seed in FOLDER/rows.jsonl, which a further run continues; each cell has a process of its own. Times are
+CPU seconds: motion, schedule (with its diagrams), checks, the simulator's steps, and the whole episode. The
+last line is JSON: for each cell the means of these, successes, contacts, makespan against the proven bound,
+and peak memory; for each family the exponent by which planning grows with the number of arms, from 2 on.
 """
 
 import argparse
@@ -39,7 +39,7 @@ Row = dict[str, Any]
 
 @contextmanager
 def timed(spent: dict[str, float]) -> Iterator[None]:
-    """Adds up what the parts of an episode take."""
+    """Context that adds the CPU seconds of the parts of an episode to `spent`."""
     with (
         patch.object(planning, "plan_motion", _clocked(planning.plan_motion, spent, "motion_s")),
         patch.object(RoboChecker, "schedule", _clocked(RoboChecker.schedule, spent, "schedule_s")),
@@ -61,7 +61,7 @@ def _clocked(work: Callable[..., Any], spent: dict[str, float], key: str) -> Cal
 
 
 def one(world: Simulator, task: Task, seed: int) -> Row:
-    """One episode of a seed."""
+    """Row of the episode of one seed."""
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     spent: dict[str, float] = dict.fromkeys(SPENT, 0.0)
     trace = Trace()
@@ -78,7 +78,7 @@ def one(world: Simulator, task: Task, seed: int) -> Row:
 
 
 def cell(name: str, seeds: list[int], path: str) -> None:
-    """The seeds of a task that lack, each written as it comes; the first is run before, to fill caches."""
+    """Runs seeds of a task and writes each row at once; the first seed is also run before, to fill caches."""
     task = named_task(name)
     assert task is not None
     with Simulator(task, render=False) as world, Path(path).open("a", encoding="utf-8") as rows:
@@ -105,7 +105,7 @@ def summary(rows: list[Row]) -> Row:
 
 
 def exponent(cells: dict[int, Row]) -> float | None:
-    """With which planning (motion, schedule, checks) grows with the number of arms, from two on."""
+    """Exponent by which planning (motion, schedule, checks) grows with the number of arms, from two on."""
     arms = [count for count in cells if count > 1]
     if len(arms) < 2:
         return None
@@ -145,7 +145,7 @@ def main() -> None:
                 name = f"{family}_{arms}x{things}"
                 try:
                     named_task(name)
-                except ArgumentError as error:  # a tower may be too high, and a frame is one
+                except ArgumentError as error:  # such as a tower that would be too high
                     print(f"{name:12s} {error}")
                     continue
                 there = {row["seed"] for row in read(path)[name]}

@@ -1,10 +1,10 @@
-"""What the parts of an experiment cost, in CPU seconds of one core: the figures of rf_exp/stages/costs.yaml.
+"""Cost of the parts of an experiment in CPU seconds of one core: the figures of rf_exp/stages/costs.yaml.
 
     python benchmarks/costs.py [outputs/data/lift_barrier/full/fast.zarr] [--seeds 4] [--states]
 
-Makes the first seeds of every task with the pictures of all agents and takes a few steps of each phase of
-learning from a store; the rows in results/ say how long a scene of evaluation took. Prints the YAML. With
-`--states` only what episodes of the paper's recipe cost without pictures (docs/expert.md).
+Makes the first seeds of every task with the pictures of all agents, and takes a few steps of each phase of
+learning from a store; the time of a scene of evaluation is read from the rows in results/. Prints the YAML.
+With `--states` only the cost of episodes of the paper's recipe without pictures (docs/expert.md).
 """
 
 import argparse
@@ -28,12 +28,12 @@ from rf_exp.store import Store
 DEMO = Path("outputs/data/lift_barrier/full/fast.zarr")
 ROOT = Path(__file__).resolve().parents[1]
 STEPS = 20  # of each fit
-# The keys that say how long each takes.
+# The keys with the numbers of steps of the phases.
 FITS = "policy.encoder.keypoints.steps", "policy.head.refined.regression_steps", "training.steps"
 
 
 def demonstrations_s(experiment: Experiment, seeds: int) -> dict[str, float]:
-    """Task -> CPU seconds for one demonstration; seeds that fail are paid for as well."""
+    """Task -> CPU seconds per demonstration, including seeds that fail."""
     found = {}
     for task in experiment.tasks:
         settings = experiment.settings(task, experiment.constraint_sets[0])
@@ -45,7 +45,7 @@ def demonstrations_s(experiment: Experiment, seeds: int) -> dict[str, float]:
 
 
 def learning_s(experiment: Experiment, store: Store) -> dict[str, float]:
-    """Fit -> CPU seconds a step; `once` is for what comes once, as looking at all pictures."""
+    """Phase -> CPU seconds per step; `once` is the cost of one-time work, such as encoding all pictures."""
     torch.set_num_threads(1)
     view = views(experiment.archs[0], store.agents)[0]
     windows = Windows(store, view, experiment.policy, torch.device("cpu"))

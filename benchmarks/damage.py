@@ -1,9 +1,9 @@
-"""What one flipped byte costs in a store, whose small chunks limit it, and what the store costs.
+"""Damage by one flipped bit in a store, which its small chunks limit, and the cost of the store.
 
     python benchmarks/damage.py outputs/data/lift_barrier/full/fast.zarr [--flips 100] [--states]
 
-Writes the episodes of a store again, measures that, and flips bytes of them at random, each in a store that
-is whole otherwise; `--states` leaves the pictures out. Times are those of cores. The last line is JSON.
+Writes the episodes of a store again, measures the cost, and flips random bits, one at a time in an otherwise
+intact store; `--states` leaves the pictures out. Times are CPU times. The last line is JSON.
 """
 
 import argparse
@@ -34,7 +34,7 @@ def main() -> None:
 
 
 def costs(source: Store, path: Path, states: bool) -> dict[str, float]:
-    """Bytes, and core seconds: of writing an episode, of opening the store, of reading all states."""
+    """Size, and CPU times of writing an episode, of opening the store, and of reading all states."""
     shown = {"cameras": [], "depth": False, "labels": []} if states else {}
     empty_like(path, {**source.attrs, **shown})
     episodes = [source.episode(index) for index in range(len(source))]
@@ -56,7 +56,7 @@ def costs(source: Store, path: Path, states: bool) -> dict[str, float]:
 
 
 def lost(path: Path, flips: int) -> dict[str, float]:
-    """Episodes that cannot be read any more once a byte is another one."""
+    """Numbers of episodes that are unreadable after a bit flip, mean and largest."""
     draw = random.Random(0)
     files = sorted(file for file in path.rglob("c/**/*") if file.is_file())
     sizes = [file.stat().st_size for file in files]
@@ -72,7 +72,7 @@ def lost(path: Path, flips: int) -> dict[str, float]:
 
 
 def readable(path: Path, name: str) -> int:
-    """Episodes of a store of which one array is damaged."""
+    """Number of readable episodes of a store in which the array `name` is damaged."""
     with TemporaryDirectory() as frame:
         damaged, count = Damaged(path, Path(frame)), 0
         for index, (start, end) in enumerate(pairwise([0, *damaged.ends])):

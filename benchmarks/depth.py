@@ -1,10 +1,10 @@
-"""How much of the objects the depth cameras see at the start, and how much of what they see is there.
+"""Occupancy from depth cameras in initial scenes: recall and precision against the poses of the objects.
 
     python benchmarks/depth.py [--task all] [--seeds 5]
 
-Shares of voxels, a line of JSON a task and one of all: `seen` of those that the objects fill by their poses,
-and `seen_or_below` with what is taken to be filled below the seen; `there` of those that are seen, and
-`there_below` with those below. Needs Vulkan.
+Shares of voxels, one line of JSON per task and one for all. Of the voxels that objects fill, `seen` are
+observed, and `seen_or_below` are observed or assumed to be filled, being below observed ones. `there` of the
+observed voxels are filled by objects, and `there_below` of those observed or below. Needs Vulkan.
 """
 
 import argparse
@@ -20,7 +20,7 @@ TASKS = sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem
 
 
 def counted(name: str, seeds: int) -> dict[str, int]:
-    """Voxels: filled by the poses, seen, seen or below, and of both those that are filled."""
+    """Numbers of voxels: filled by objects; observed; observed or below; the filled ones of the last two."""
     found: dict[str, int] = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
     with Simulator(read_task(CONF / "task" / f"{name}.yaml"), width_px=320, height_px=240) as world:
         for seed in range(seeds):

@@ -1,11 +1,11 @@
-"""What disturbed demonstrations are: how many seeds they lose, how fast they are, how far off the plan.
+"""Disturbed demonstrations: how many seeds they lose, how fast they are, how far they deviate from the plan.
 
     python benchmarks/disturbance.py [--tasks lift_barrier,place_food] [--first 5000] [--seeds 25]
 
-Without pictures, with the disturbance and the delays of the recipe `fast`, in one process. A line a task: how
-fast and steep commands are, in how many steps of an agent that does not hesitate some joint is off by more
-than a milliradian, and how far then (medians, 90th and 99th percentiles). Ends with a line of JSON; the
-figures are in docs/component_studies.md.
+Without pictures, with the disturbance and the delays of the recipe `fast`, in one process. One line per task:
+largest velocity and acceleration of the commands, the share of steps of agents that do not hesitate in which
+some joint deviates by more than a milliradian, and by how much in these (medians, 90th and 99th
+percentiles). The last line is JSON; the figures are in docs/component_studies.md.
 """
 
 import argparse
@@ -29,13 +29,13 @@ SHOWN = (50, 90, 99)  # percentiles
 
 
 def steepest(commands: NDArray[np.float32]) -> tuple[float, float]:
-    """The largest velocity rad/s and acceleration rad/s2 of any joint in commands (T, N, 8)."""
+    """The largest velocity in rad/s and acceleration in rad/s2 of any joint in commands (T, N, 8)."""
     velocity = np.diff(commands[..., :ARM_JOINTS].astype(float), axis=0) * CONTROL_HZ
     return float(np.abs(velocity).max()), float(np.abs(np.diff(velocity, axis=0)).max() * CONTROL_HZ)
 
 
 def off(settings: Settings, episode: Episode) -> NDArray[np.float64]:
-    """(K, 2) the joint that is farthest off in rad, and the TCP in m, where an agent does not hesitate."""
+    """Deviations (K, 2) of the worst joint in rad and of the TCP in m, in steps without hesitation."""
     action, executed = (each.astype(float) for each in (episode.action, episode.commanded))
     joints = np.abs(executed - action)[..., :ARM_JOINTS].max(axis=2)
     hands = [
@@ -46,7 +46,7 @@ def off(settings: Settings, episode: Episode) -> NDArray[np.float64]:
 
 
 def measured(settings: Settings, seeds: range) -> dict[str, Any]:
-    """What comes of the seeds of one task."""
+    """Results of the seeds of one task."""
     outcomes = [make_episode(settings, NO_PICTURES, seed) for seed in seeds]
     episodes = [each.episode for each in outcomes if each.episode is not None]
     away = np.concatenate([off(settings, each) for each in episodes])

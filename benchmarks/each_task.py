@@ -1,4 +1,4 @@
-"""The command of benchmarks that measure each task: `--tasks`, `--seeds`, a line a task, JSON at the end."""
+"""Command line of benchmarks that measure each task: `--tasks`, `--seeds`, a line per task, then JSON."""
 
 import argparse
 import json
@@ -11,7 +11,7 @@ from rf_exp.tasks import CONFIGURED, Task, read_task
 def measure_each(
     parser: argparse.ArgumentParser, measured: Callable[[Task, int], dict[str, float]], seeds: int
 ) -> None:
-    """Print what `measured(task, seeds)` finds, a line a task; the last line is all of it as JSON."""
+    """Print the results of `measured(task, seeds)`, a line per task; the last line is all of them as JSON."""
     paths = {path.stem: path for path in sorted(CONFIGURED.glob("*.yaml")) if path.stem != "all"}
     parser.add_argument("--tasks", default=",".join(paths), help="comma-separated names; default: all")
     parser.add_argument("--seeds", type=int, default=seeds)

@@ -1,13 +1,13 @@
-"""What a step of an environment costs beside the simulator's own, for every task, in one run.
+"""Cost of an environment step relative to the simulator's own, for every task, in one run.
 
     python benchmarks/environment.py [--tasks lift_barrier,place_food] [--repeats 5] [--pictures] [--overlaps]
 
-The commands of an expert's episode go to the environment that `gymnasium.make` gives, and to PettingZoo's,
-step by step in turn. Within each step the simulator is on a clock of its own: what is left is judging,
-observing and what surrounds them. The same commands are the same work, so each step counts with its least
-times of all repeats. With `--pictures` all cameras take pictures, whose drawing is the simulator's; with
-`--overlaps` the environments look for overlaps of arms, as evaluation does. A line for each task; the last
-one is JSON: how many times the simulator's own time a step takes, for each task and the worst.
+The commands of an expert's episode go to the environment of `gymnasium.make` and to PettingZoo's, alternating
+step by step. The simulator is timed separately within each step; the rest is success evaluation, observation
+and overhead. The same commands are the same work, so each step counts with its minimum over all repeats. With
+`--pictures` all cameras take pictures, and rendering counts as simulator time; with `--overlaps` the
+environments test arms for overlaps, as evaluation does. One line per task; the last line is JSON: the ratio
+of a step to the simulator's own time, for each task and the worst.
 """
 
 import argparse
@@ -32,13 +32,13 @@ FACES = ("gymnasium", "pettingzoo")
 
 
 class Clock:
-    """How long the simulator has been at work."""
+    """Stopwatch for the time spent in the simulator."""
 
     def __init__(self) -> None:
         self.ms = 0.0
 
     def on(self, work: Callable[..., Any]) -> Callable[..., Any]:
-        """The same work, on this clock."""
+        """The same function, timed by this clock."""
 
         def timed(*arguments: Any) -> Any:
             began = time.perf_counter()
@@ -50,7 +50,7 @@ class Clock:
 
 
 def expert(name: str) -> NDArray[np.float32]:
-    """(T, N, 8) the commands of the expert in the scene of the seed."""
+    """The expert's commands (T, N, 8) in the scene of the seed."""
     settings = Settings.configured(find_task(name), ConstraintSet("full"), ScriptedSpec())
     episode = make_episode(settings, NO_PICTURES, SEED).episode
     assert episode is not None, f"the expert fails in {name}, seed {SEED}"
@@ -58,7 +58,7 @@ def expert(name: str) -> NDArray[np.float32]:
 
 
 def steps_ms(name: str, clock: Clock, repeats: int, options: dict[str, Any]) -> NDArray[np.float64]:
-    """(faces, 2) mean ms of a step: the simulator's own, and all the rest."""
+    """Mean ms (faces, 2) of a step: in the simulator, and in the rest."""
     commands = expert(name)
     single, several = gymnasium.make(environment_id(name), **options), parallel_env(name, **options)
     agents = several.possible_agents

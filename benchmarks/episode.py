@@ -1,10 +1,10 @@
-"""What an episode costs beside its physics alone: the same commands, stepped again from the same start.
+"""Cost of an episode relative to its physics: the same commands are stepped again from the same start.
 
     python benchmarks/episode.py [--tasks lift_barrier,take_photo] [--seeds 3]
 
-Undisturbed episodes of seeds 0, 1, .. without pictures, as the expert makes them: plan, checks, simulation,
-monitor. Then the simulator is reset and takes the commands of the episode once more, and nothing else.
-Processor time of one core, both in one run; a line a task, the last line is JSON.
+Undisturbed episodes of the expert on seeds 0, 1, .. without pictures: plan, checks, simulation, monitor. Then
+the simulator is reset and steps the commands of the episode once more, without anything else. CPU time of one
+core, both in one run; one line per task, the last line is JSON.
 """
 
 import argparse
@@ -22,11 +22,14 @@ from rf_exp.types import ConstraintSet
 
 
 def measured(task: Task, seeds: int) -> dict[str, float]:
-    """Mean CPU seconds of an episode, reset included, and of its commands alone; raises ArgumentError."""
+    """Mean CPU seconds of an episode, including the reset, and of its commands alone.
+
+    Raises ArgumentError for a seed without an episode.
+    """
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     episodes_s, physics_s = [], []
     with Simulator(task, render=False) as world:
-        for seed in range(-1, seeds):  # the first of all fills caches
+        for seed in range(-1, seeds):  # the first one fills caches
             began = time.process_time()
             maker = EpisodeMaker(settings, Limited(world), settings.make_brain(max(seed, 0)))
             outcome = maker.make(max(seed, 0))

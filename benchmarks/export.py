@@ -1,4 +1,4 @@
-"""What exports of a store cost: minutes, also of cores, and their size beside the store's.
+"""Cost of exports of a store: minutes, core minutes, and size relative to the store.
 
     python benchmarks/export.py outputs/data/lift_barrier/full/fast.zarr [--formats lerobot-video]
 
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def now() -> tuple[float, float]:
-    """Seconds on the clock, and of all cores in this process and those that it started."""
+    """Seconds of wall time, and CPU seconds of this process and its children."""
     return time.perf_counter(), sum(os.times()[:4])
 
 

@@ -1,13 +1,13 @@
-"""What the checks catch of every named mistake, and what they cry wolf at.
+"""Detection rate of the checks for every named fault, and their false alarms on clean plans.
 
     python benchmarks/faults.py [--seeds 1] [--clean 110] [--tasks all] [--faults all] [--workers 1]
                                 [--log FILE]
 
-Clean plans: the first proposal of the scripted brain, planned, scheduled and checked; nothing moves. One
-that would go back to the brain is an alarm. Faults: every fault on every task whose scripted plans have room
-for it, one episode for each seed: is the mistake found, by what, before anything moves, and does the episode
-end in success once the brain has been told? With --log every result is a line of that file, and those that
-are there already are not made again. The last line is JSON with the totals.
+Clean plans: the first proposal of the scripted brain, planned, scheduled and checked, without motion. One
+that is returned to the brain is an alarm. Faults: every fault on every task with scripted plans to which it
+applies, one episode per seed: is the fault found, by which check, before any motion, and does the episode
+succeed after the brain has been informed? With --log every result is a line of that file, and results that
+it has are not computed again. The last line is JSON with the totals.
 """
 
 import argparse
@@ -42,7 +42,7 @@ FULL, BLIND = ConstraintSet("full"), NO_PICTURES
 
 @dataclass(frozen=True)
 class Clean:
-    """What became of one clean plan. `check` and `reason` are empty unless it was an alarm."""
+    """Result of one clean plan. `check` and `reason` are empty unless it was an alarm."""
 
     task: str
     seed: int
@@ -55,32 +55,32 @@ class Clean:
 
 @dataclass(frozen=True)
 class Faulty:
-    """What became of one episode with a fault. `check` and `reason` are empty when it was not found."""
+    """Result of one episode with a fault. `check` and `reason` are empty when it was not found."""
 
     task: str
     fault: str
     seed: int
-    placed: bool  # the episode came to a proposal that the fault applies to
+    placed: bool  # whether the episode had a proposal to which the fault applies
     check: str
     reason: str
     moved_steps: int  # control steps between the faulty proposal and its rejection
-    contact: bool  # arms touched in them
+    contact: bool  # whether arms touched in these steps
     success: bool
-    repairs: int  # proposals beyond those that a sound plan needs
+    repairs: int  # proposals beyond those of a sound plan
     end: str  # why the episode failed
     wall_s: float
     part: str = "faulty"
 
 
 class _Decided(Exception):
-    """The first proposal has been judged: a plan to execute, or a violation for the brain."""
+    """Ends an episode with the verdict on its first proposal: a plan to execute, or a violation."""
 
     def __init__(self, found: Planned | Violation) -> None:
         self.found = found
 
 
 class FirstJudgement(NullObserver):
-    """Ends the episode as soon as its first proposal has been judged."""
+    """Observer that ends the episode once its first proposal has been judged."""
 
     def planned(self, plan: Planned) -> None:
         raise _Decided(plan)
@@ -104,7 +104,7 @@ def clean(task: Task, seed: int) -> Clean:
 
 
 class Watched:
-    """A world that notes what moves and touches between a faulty proposal and its rejection."""
+    """World that records motion and contacts between a faulty proposal and its rejection."""
 
     def __init__(self, world: SeeingWorld, brain: FaultyBrain) -> None:
         self._world, self._brain = world, brain
@@ -136,7 +136,7 @@ class Watched:
 
 
 class FirstRejection(NullObserver):
-    """Keeps the violation that the faulty proposal ends in."""
+    """Observer that keeps the violation by which the faulty proposal is rejected."""
 
     def __init__(self, world: Watched, brain: FaultyBrain) -> None:
         self._world, self._brain = world, brain
@@ -171,7 +171,7 @@ def faulty(task: Task, fault: str, seed: int) -> Faulty:
 
 
 class Surveyor:
-    """The scripted brain, noting on the way which faults there is room for."""
+    """Scripted brain that records the faults that apply to its proposals."""
 
     name = "surveyor"
 
@@ -185,7 +185,7 @@ class Surveyor:
 
 
 def room_for(task: Task) -> set[str]:
-    """The faults that apply somewhere in a sound episode of a task."""
+    """The faults that apply to some proposal of a sound episode of a task."""
     settings = Settings.configured(task, FULL, ScriptedSpec())
     brain = Surveyor(settings.make_brain(0))
     EpisodeMaker(settings, shared_simulator(task, BLIND), brain).make(0)
@@ -202,7 +202,7 @@ def key(row: Mapping[str, Any]) -> Key:
 def jobs(
     tasks: Sequence[Task], faults: Sequence[str], seeds: int, plans: int, known: Mapping[Key, dict[str, Any]]
 ) -> Iterator[Any]:
-    """Everything that is left to do, task by task, so that simulators are kept."""
+    """The remaining jobs, task by task, so that simulators are reused."""
     for at, task in enumerate(tasks):
         for seed in range(plans * at // len(tasks), plans * (at + 1) // len(tasks)):
             if ("clean", task.name, "", seed) not in known:
@@ -233,7 +233,7 @@ HEADINGS = (
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Markdown: one line for each fault."""
+    """Markdown table with one line per fault."""
     lines = []
     for name, fault in FAULTS.items():
         if mine := [row for row in rows if row["fault"] == name]:
@@ -242,7 +242,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def cells(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """What the table says of the episodes of one fault."""
+    """The cells of the table for the episodes of one fault."""
     found = [row for row in rows if row["check"]]
     by = Counter(row["check"] for row in found).most_common()
     return (
@@ -291,7 +291,7 @@ def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, object]:
 
 
 def report(rows: Sequence[Mapping[str, Any]]) -> None:
-    """The table, what is not as it should be, and the JSON."""
+    """Prints the table, the alarms and failures, and the JSON."""
     faults = [row for row in rows if row["part"] == "faulty" and row["placed"]]
     print(table(faults), "\n\n(*) leaves a demand out and breaks none, so that nothing need be found.")
     for row in rows:
@@ -307,7 +307,7 @@ def report(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def named(given: str, known: Iterable[str], what: str) -> list[str]:
-    """`all`, or names with commas between. Raises ArgumentError for one that is not known."""
+    """Parses `all`, or names separated by commas. Raises ArgumentError for an unknown name."""
     known = list(known)
     names = known if given == "all" else given.split(",")
     for name in names:

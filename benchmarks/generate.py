@@ -1,9 +1,9 @@
-"""How many checked demonstrations an hour, with and without pictures, by one and by more processes.
+"""Checked demonstrations per hour, with and without pictures, by one and by several processes.
 
     python benchmarks/generate.py [--task lift_barrier] [--episodes 8] [--workers 2] [--size 320 240]
 
-All ways make the same seeds, one after the other, in one run; start-up of processes and renderers is made
-before the clock runs. The last line is JSON: successful episodes an hour, and the ratios.
+All variants make the same seeds, one after the other, in one run; the start-up of processes and renderers is
+not timed. The last line is JSON: successful episodes per hour, and the ratios.
 """
 
 import argparse
@@ -23,7 +23,7 @@ CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 
 
 def per_hour(settings: Settings, pictures: Pictures, episodes: int, workers: int) -> float:
-    """Successful episodes an hour of wall time."""
+    """Successful episodes per hour of wall time."""
     make = partial(make_episode, settings, pictures)
     outcomes = generate(make, [*range(workers), *range(episodes)], workers)
     for _ in range(workers):

@@ -1,9 +1,9 @@
-"""What inverse kinematics cost: the closed form of each robot beside the Newton steps that serve any arm.
+"""Cost of inverse kinematics: the closed form of each robot against the Newton steps for any arm.
 
     python benchmarks/inverse.py [--poses 100]
 
-Poses are drawn about the posture of rest. A call is for one pose; of many at once each costs less. Robots
-whose packages are not installed are left out. The last line is JSON: ms of both, CPU time of this process.
+Poses are drawn about the rest posture. Timed are calls for one pose each, and one call for all, which costs
+less per pose. Robots whose packages are not installed are left out. The last line is JSON: CPU ms of both.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from rf_exp.robots.kinematics import Numeric
 
 
 def cost_ms(solver: Inverse, robot: Robot, joints: np.ndarray) -> tuple[float, float]:
-    """Of a call for one pose, and of a pose of a call for all."""
+    """CPU ms of a call for one pose, and per pose of a call for all."""
     poses, last, limits = robot.tcp_pose(joints), joints[:, -1], robot.limits_rad
     solver.postures(poses[0], last[0], limits)
     began = time.process_time()

@@ -1,12 +1,13 @@
-"""How many millimetres the keypoint encoder is off, and how long it takes, on seeds that it never saw.
+"""Error in millimetres and run time of the keypoint encoder, on seeds that it was not trained on.
 
     python benchmarks/keypoints.py [outputs/data/lift_barrier/full/fast.zarr] [--train 40] [--steps 500]
 
-Trains the encoder of every agent's own camera on the first episodes of a store and looks at the rest: the
-distance between where an own gripper changes next (or the episode ends, or another arm is) and where it
-says so, at every frame before that in which it is in the picture and the agent may go on. The last line is
-JSON: by agent median and 90th percentile in mm for each keypoint, milliseconds a picture, and CPU seconds of
-training. `--look STORE` looks at other pictures of those seeds, as `rf_exp.data redraw` makes them.
+Trains the encoder of every agent's own camera on the first episodes of a store and evaluates it on the rest:
+the distance between true and predicted keypoints (where an own gripper changes next, or the episode ends, or
+another arm is), at every earlier frame in which the keypoint is in the picture and the agent may go on. The
+last line is JSON: by agent median and 90th percentile in mm for each keypoint, milliseconds per picture, and
+CPU seconds of training. `--look STORE` evaluates on other pictures of those seeds, as `rf_exp.data redraw`
+renders them.
 """
 
 import argparse
@@ -71,7 +72,7 @@ def main() -> None:
         windows, everything = (Windows(each, view, config, CPU) for each in (learned, other))
         training, began = Training(windows, view, config, chosen.training), time.process_time()
         for _ in range(given.steps):
-            training.step()  # after the last of them it is averaged
+            training.step()  # after the last one, the policy has averaged weights
         seconds = time.process_time() - began
         policy = training.policy.eval()
         unseen = everything.active[~np.isin(seeds[everything.active], learned.seeds)]
@@ -102,7 +103,7 @@ def main() -> None:
 
 
 def _askew_deg(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """How far headings (..., 6) are off, where half a turn is nothing."""
+    """Error of headings (..., 6) in degrees, modulo half a turn."""
     twice = [torch.atan2(each[..., 3], each[..., 2]) for each in (found, true)]
     return torch.rad2deg((twice[0] - twice[1] + torch.pi) % (2 * torch.pi) - torch.pi).abs() / 2
 

@@ -1,13 +1,13 @@
-"""Whether runs that are killed at random times leave anything behind, or anything out.
+"""Crash safety of runs: kills them at random times and compares the artifacts with an undisturbed run.
 
     python benchmarks/kills.py [--kills 30] [--stages generate,train,evaluate] [--seed 0] [--folder DIR]
 
 Every trial starts a stage of a tiny experiment, kills the whole group, the command alone or one of its
-workers, by SIGKILL or SIGTERM, at a random moment of its work, and then gives the same command again. What is
-there in the end is compared with an undisturbed run: bytes of demonstrations and policies, rows but for
-their times. Results are kept in DIR/log.jsonl, where the same command goes on. The last line is JSON: for
-every stage the kills that hit a run at work, and how many of them left equal artifacts, one row a seed, no
-process after 5 s, no temporary file; and the longest time until all processes had gone.
+workers, by SIGKILL or SIGTERM, at a random moment of its work, and then runs the same command again. The
+final artifacts are compared with an undisturbed run: bytes of demonstrations and policies, rows without their
+times. Results are kept in DIR/log.jsonl, which the same command continues. The last line is JSON: for every
+stage the kills that hit a run at work, and how many of them left equal artifacts, one row per seed, no
+process after 5 s, no temporary file; and the longest time until all processes had ended.
 """
 
 import argparse
@@ -44,7 +44,7 @@ TINY = (
     "training.log_every=5",
     "training.checkpoint_every=10",
 )
-STAGES = {  # and the folders that each needs of those before it
+STAGES = {  # stage -> folders that it needs from earlier ones
     "generate": (),
     "train": ("data", "results/generate"),
     "evaluate": ("data", "results/generate", "policies"),
@@ -54,12 +54,12 @@ TARGETS = [
 ]
 GONE_S = 5.0
 HANG_S = 600.0  # after which a run counts as hanging
-TIMES = ("wall_s", "crc32")  # of a row; its checksum is also of its time
-CURVE = ("step", "steps", "epoch", "loss", "learning_rate")  # what of a training curve is no time
+TIMES = ("wall_s", "crc32")  # fields of a row to ignore; the checksum includes the time
+CURVE = ("step", "steps", "epoch", "loss", "learning_rate")  # columns of a training curve other than times
 
 
 def start(stage: str, out: Path) -> subprocess.Popen[bytes]:
-    """The command in a session of its own, its words in `out/said.txt`."""
+    """Starts the command in a session of its own, with its output in `out/said.txt`."""
     out.mkdir(parents=True, exist_ok=True)
     with (out / "said.txt").open("ab") as said:
         return subprocess.Popen(
@@ -71,7 +71,7 @@ def start(stage: str, out: Path) -> subprocess.Popen[bytes]:
 
 
 def status(pid: int | str) -> list[str]:
-    """State, parent, group, session, ... of a process; nothing when it is gone."""
+    """State, parent, group, session, ... of a process; empty when it has ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except (FileNotFoundError, ProcessLookupError):
@@ -79,13 +79,13 @@ def status(pid: int | str) -> list[str]:
 
 
 def session(leader: int) -> list[int]:
-    """All processes of a session but those that have ended and wait to be read."""
+    """All processes of a session except zombies."""
     pids = (path.name for path in Path("/proc").glob("[0-9]*"))
     return [int(pid) for pid in pids if (s := status(pid)) and int(s[3]) == leader and s[0] != "Z"]
 
 
 def workers(leader: int) -> list[int]:
-    """The children of a run that do its work."""
+    """The worker processes of a run."""
     found = []
     for pid in session(leader):
         try:
@@ -108,7 +108,7 @@ def at_work(run: subprocess.Popen[bytes]) -> bool:
 
 
 def content(out: Path) -> dict[str, Any]:
-    """Path -> what must be the same in the end."""
+    """Path -> content that must equal that of an undisturbed run."""
     found: dict[str, Any] = {}
     for path in sorted(path for part in ("data", "policies") for path in (out / part).rglob("*")):
         name = str(path.relative_to(out))
@@ -143,7 +143,7 @@ def temporary(out: Path) -> list[str]:
 
 
 def trial(stage: str, number: int, seed: int, whole: Path, work_s: float, out: Path) -> dict[str, Any]:
-    """One kill and the same command after it."""
+    """Result of one kill, and of the same command after it."""
     rng = np.random.default_rng([seed, list(STAGES).index(stage), number])
     who, sign = TARGETS[number % len(TARGETS)]
     shutil.rmtree(out, ignore_errors=True)
@@ -156,7 +156,7 @@ def trial(stage: str, number: int, seed: int, whole: Path, work_s: float, out: P
         result["after_s"] = round(rng.uniform(0.0, work_s), 2)
         with suppress(subprocess.TimeoutExpired):
             run.wait(result["after_s"])
-            result["work_s"] = round(time.monotonic() - at_work_since, 2)  # too early: it takes only so long
+            result["work_s"] = round(time.monotonic() - at_work_since, 2)  # ended before the kill
     victims = {"group": session(run.pid), "parent": [run.pid], "worker": workers(run.pid)}[who]
     result["hit"] = run.poll() is None and bool(victims)
     if result["hit"]:
@@ -186,13 +186,13 @@ def trial(stage: str, number: int, seed: int, whole: Path, work_s: float, out: P
 
 
 def belongs(stage: str, name: str) -> bool:
-    """Whether a file is there once a stage is done."""
+    """Whether a file exists once a stage is done."""
     later = {"generate": ("policies", "results/evaluate"), "train": ("results/evaluate",), "evaluate": ()}
     return not name.startswith(later[stage])
 
 
 def undisturbed(whole: Path) -> dict[str, float]:
-    """Makes the whole experiment once; seconds of work of each stage, from its first worker on."""
+    """Runs the whole experiment once; returns the seconds of each stage since its first worker started."""
     path = whole / "seconds.json"
     if not path.exists():
         shutil.rmtree(whole, ignore_errors=True)
@@ -238,7 +238,7 @@ def main() -> None:
         of_stage = [each for each in done if each["stage"] == stage]
         number = len(of_stage)
         while sum(each["hit"] for each in of_stage) < given.kills:
-            # A machine that has become faster since: kills are meant to hit.
+            # The machine may have become faster since; kills should hit a run at work.
             lasts_s = min([work_s[stage], *(each["work_s"] for each in of_stage if "work_s" in each)])
             result = trial(stage, number, given.seed, folder / "whole", lasts_s, folder / "trial")
             number += 1

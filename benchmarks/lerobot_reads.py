@@ -1,8 +1,8 @@
-"""Whether lerobot reads an export: values as in the store, and a step of training on one batch.
+"""Reads an export with lerobot: compares values with the store, trains on one batch.
 
     PYTHON benchmarks/lerobot_reads.py EXPORT STORE
 
-PYTHON is of an environment of its own with lerobot and zarr: lerobot wants another torch than we do. The
+PYTHON belongs to a separate environment with lerobot and zarr: lerobot needs another torch than we do. The
 last line is JSON.
 """
 
@@ -20,7 +20,7 @@ import zarr
 
 
 def named(name: str, *modules: str) -> Any:
-    """What has moved between versions of lerobot."""
+    """A name of lerobot that has moved between modules. Raises ImportError where none has it."""
     for module in modules:
         try:
             return getattr(import_module(module), name)
@@ -30,7 +30,7 @@ def named(name: str, *modules: str) -> Any:
 
 
 def compare(data: Any, store: zarr.Group, looked_at: int) -> dict[str, bool]:
-    """Whether states, actions and pictures are those of the store, in rows spread over all of it."""
+    """Whether states, actions and pictures equal those of the store, in rows spread over all of it."""
     arrays: Any = store["data"]
     rows = np.unique(np.linspace(0, len(data) - 1, looked_at).astype(int)).tolist()
     items = [data[row] for row in rows]
@@ -55,7 +55,7 @@ def compare(data: Any, store: zarr.Group, looked_at: int) -> dict[str, bool]:
 
 
 def train(folder: Path, data: Any, batch_size: int) -> float:
-    """The loss of ACT on one batch, after which its weights have made a step."""
+    """Trains ACT for one step on one batch; returns the loss."""
     from lerobot.configs.types import FeatureType
     from lerobot.policies.act.configuration_act import ACTConfig
     from lerobot.policies.act.modeling_act import ACTPolicy

@@ -1,11 +1,11 @@
-"""LeRobot's diffusion policy in the paper's shapes, a step or a call at a time, to take turns with ours.
+"""LeRobot's diffusion policy in the paper's shapes, a step or a call at a time, for comparison with ours.
 
     python benchmarks/train_step.py --size paper --lerobot PYTHON
     python benchmarks/policy_call.py --size paper --lerobot PYTHON
 
-PYTHON is of an environment of its own with lerobot, which wants another torch than we do; there this file
-answers each line of its input with the milliseconds of one more step. Pictures are given to it as floats in
-[0, 1], ours as bytes; neither has an optimiser.
+PYTHON belongs to a separate environment with lerobot, which needs another torch than we do. Run there, this
+file answers each line of its input with the milliseconds of one more step. LeRobot gets pictures as floats in
+[0, 1], our policy as bytes; neither has an optimiser.
 """
 
 # pyright: reportMissingImports=false
@@ -21,18 +21,18 @@ import torch
 
 FRAMES, HORIZON, ACTION_STEPS, CHANNELS = 3, 8, 6, (256, 512, 1024)
 HEIGHT, WIDTH, CROP = 240, 320, 0.9
-SIZE = 8  # of joints and gripper
+SIZE = 8  # joints and gripper
 
 
 class LeRobot:
-    """LeRobot in its own environment, as a context manager."""
+    """Client of this file in LeRobot's environment. A context manager."""
 
     def __init__(self, python: str, what: str, batch: int, threads: int) -> None:
         command = [python, __file__, what, "--batch", str(batch), "--threads", str(threads)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def milliseconds(self) -> float:
-        """Of one more step or call."""
+        """The time of one more step or call."""
         assert self._process.stdin and self._process.stdout
         print(file=self._process.stdin, flush=True)
         answer = self._process.stdout.readline()
@@ -51,7 +51,7 @@ class LeRobot:
 
 
 def theirs(what: str) -> Any:
-    """Their policy, of our paper's shapes."""
+    """LeRobot's policy, in the paper's shapes."""
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
     from lerobot.policies.diffusion.modeling_diffusion import Policy
@@ -77,7 +77,7 @@ def theirs(what: str) -> Any:
 
 
 def step_of(what: str, count: int) -> Callable[[], None]:
-    """Forward and backward on a batch of windows, or one call for a chunk of actions."""
+    """A function for one forward and backward pass on a batch of windows, or for one chunk of actions."""
     policy = theirs(what)
     batch = {
         "observation.state": torch.rand(count, FRAMES, SIZE),

@@ -1,13 +1,13 @@
-"""How often plans of the library succeed in ManiSkill's own two-robot tasks, by ManiSkill's criterion.
+"""Success rate of the library's plans in ManiSkill's own two-robot tasks, by ManiSkill's criterion.
 
     python benchmarks/library.py [--scenes 100] [--seed 0] [--tasks TwoRobotPickCube-v1,...] [--slow]
 
-The scenes are those of consecutive seeds from `--seed`, all counted; a scene is a success when the last
-`info["success"]` of its environment says so. Nothing is planned a second time. The jobs are those of
+The scenes are those of consecutive seeds from `--seed`, all counted; a scene is a success by the last
+`info["success"]` of its environment. There is no replanning. The jobs are those of
 examples/library/two_robots.py. With `--slow` arms move within the limits of our demonstrations, 0.9 rad/s
-and 0.9 rad/s2. A table; the last line is JSON: for each task the rate with Wilson's 95 % interval, how many
-succeeded within the 100 steps that ManiSkill gives by default, steps, and the processor seconds of an
-episode, planning and simulation included.
+and 0.9 rad/s2. Prints a table; the last line is JSON: for each task the rate with Wilson's 95 % interval,
+successes within ManiSkill's default limit of 100 steps, steps, and the CPU seconds of an episode, planning
+and simulation included.
 """
 
 import argparse
@@ -26,11 +26,11 @@ from rf_exp.library import JointLimits, NoPlan
 from rf_exp.tasks import default_of
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "library" / "two_robots.py"
-OWN_LIMIT = 100  # control steps, of ManiSkill's registration of both
+OWN_LIMIT = 100  # control steps, in ManiSkill's registration of both tasks
 
 
 def measured(example: dict[str, Any], name: str, seeds: range, slow: bool) -> dict[str, Any]:
-    """What became of the scenes of a task."""
+    """Results of the scenes of a task."""
     env, steps, reasons, seconds = example["make"](name), [], Counter[str](), []
     limits = JointLimits(**default_of("limits")) if slow else example["LIMITS"]
     for seed in seeds:

@@ -1,11 +1,11 @@
-"""What a batch costs: our windows beside a plain loader, in one run.
+"""Cost of a batch: our windows against a plain loader, in one run.
 
     python benchmarks/loader.py [--size paper|compact] [--batches 5]
 
-Both read the same pictures from memory. The plain loader does as Diffusion Policy's: for each sample
-it copies the pictures of the whole horizon, makes floats of them, normalises and stacks; the policy then
-uses the first three. Ours hands over uint8 crops of the frames needed, each once, and the policy makes
-floats of them: that is timed too. The last line is JSON: medians in ms, and the ratio.
+Both read the same pictures from memory. The plain loader works like Diffusion Policy's: for each sample
+it copies the pictures of the whole horizon, converts them to floats, normalises and stacks; the policy then
+uses the first three. Ours returns uint8 crops of the frames needed, each once, and the policy converts
+them to floats, which is timed too. The last line is JSON: medians in ms, and the ratio.
 """
 
 import argparse
@@ -41,7 +41,7 @@ COMPACT = (
 
 
 def recipe(size: str, *changes: str) -> Experiment:
-    """The paper's, or with `compact` a small one; with overrides."""
+    """The paper's recipe, or a small one for `compact`, with overrides."""
     small = COMPACT if size == "compact" else ()
     with initialize_config_dir(str(CONF), version_base=None):
         node = compose("config", ["recipe=paper", "policy=paper", *small, *changes])
@@ -50,7 +50,7 @@ def recipe(size: str, *changes: str) -> Experiment:
 
 @dataclass(frozen=True)
 class Noise:
-    """What `Windows` reads of a store, filled with noise."""
+    """Stand-in for a store with the attributes that `Windows` reads, filled with noise."""
 
     qpos: NDArray[np.float32]
     action: NDArray[np.float32]
@@ -92,7 +92,7 @@ def noise(config: PolicyConfig) -> Noise:
 
 
 def plain(store: Noise, config: PolicyConfig, windows: NDArray[np.int64]) -> torch.Tensor:
-    """(B, horizon, 3, H, W) float pictures, sample by sample."""
+    """Pictures (B, horizon, 3, H, W) as floats, collected sample by sample."""
     samples = []
     for window in windows:
         rows = np.clip(np.arange(window - 2, window - 2 + config.horizon), 0, len(store.qpos) - 1)
@@ -102,7 +102,7 @@ def plain(store: Noise, config: PolicyConfig, windows: NDArray[np.int64]) -> tor
 
 
 def ours(windows: Windows, chosen: NDArray[np.int64], rng: np.random.Generator) -> torch.Tensor:
-    """(U, 3, h, w) float pictures of the frames of a batch."""
+    """Pictures (U, 3, h, w) as floats of the unique frames of a batch."""
     return windows.batch(chosen, rng).pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 

@@ -1,10 +1,10 @@
-"""What a plan costs: processor time and length of the first plan of every task, without simulation.
+"""Cost of a plan: CPU time and length of the first plan of every task, without simulation.
 
     python benchmarks/planning.py [--tasks place_food,pass_shoe] [--seeds 20]
 
-From proposal to checked plan: motion, schedule, checks. One line a task: mean processor time of a plan, its
-mean length in control steps until the last arm is home, and how many seeds had none. The last line is JSON.
-Two versions are compared by running both, one after the other, each in its own checkout.
+From proposal to checked plan: motion, schedule, checks. One line per task: mean CPU time of a plan, its mean
+length in control steps until the last arm is home, and the number of seeds without a plan. The last line is
+JSON. To compare two versions, run both one after the other, each in its own checkout.
 """
 
 import argparse
@@ -24,7 +24,7 @@ def measured(task: Task, seeds: int) -> dict[str, float]:
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     took_s, steps = [], []
     with Simulator(task, render=False) as simulator:
-        for seed in range(-1, seeds):  # the first of all fills caches
+        for seed in range(-1, seeds):  # the first one fills caches
             scene = simulator.reset(max(seed, 0))
             planner, question = (
                 Planner(settings, settings.make_brain(max(seed, 0))),

@@ -1,12 +1,13 @@
-"""What a call of the policy costs: sampler, ring buffer and FiLM table, in one run.
+"""Cost of a call of the policy: effect of sampler, ring buffer and FiLM table, in one run.
 
     python benchmarks/policy_call.py [--size compact|paper] [--calls 3] [--lerobot PYTHON]
     python benchmarks/policy_call.py --policy outputs/policies/TASK/full/separate_local/fast-50-0/agent1
 
-DDPM with 100 steps and DDIM with 10, each as the rollout does it; then DDIM with all three frames
-encoded again, and with the FiLM vector computed in every step; LeRobot's diffusion policy with both samplers,
-in the environment of PYTHON (lerobot_steps.py). The variants take turns on one thread.
-Of a trained policy instead: looking, who may go on and which subgoal, the chunk of actions; and all of it.
+DDPM with 100 steps and DDIM with 10, each as in the rollout; then DDIM with all three frames encoded
+again, and with the FiLM vector computed in every step; LeRobot's diffusion policy with both samplers,
+in the environment of PYTHON (lerobot_steps.py). The variants alternate on one thread.
+With `--policy`, for a trained policy instead: encoding (`look`), prediction of subgoals and of agents that
+may go on (`phase`), the chunk of actions (`act`), and all together.
 The last line is JSON: medians in ms, and the ratios.
 """
 
@@ -36,7 +37,7 @@ def make(size: str, sampler: str, steps: int) -> Policy:
 
 @torch.inference_mode()
 def call(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
-    """Encode the pictures, put their features behind the known ones, and sample."""
+    """Encode the pictures, append their features to the known ones, and sample."""
     features = torch.cat([known, policy.look(pictures)[0]])[None]
     proprio, nothing = (torch.zeros(1, features.shape[1], size) for size in (PROPRIO, 0))
     policy.act(features, proprio, nothing, [torch.Generator().manual_seed(0)])
@@ -44,7 +45,7 @@ def call(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
 
 @torch.inference_mode()
 def call_without_table(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
-    """The same by the U-Net's reference computation, which projects step and observation every time."""
+    """The same by the U-Net's reference computation, which projects step and observation in every step."""
     config, head = policy.config, policy.head
     assert isinstance(head, DiffusionHead)
     features = torch.cat([known, policy.look(pictures)[0]])[None]
@@ -57,7 +58,7 @@ def call_without_table(policy: Policy, pictures: torch.Tensor, known: torch.Tens
 
 
 def trained(folder: Path, calls: int) -> dict[str, object]:
-    """What a trained policy takes for one chunk, as a rollout asks for it."""
+    """Times in ms of a trained policy for one chunk, as in a rollout."""
     policy, _, _ = load_policy(folder, "cpu")
     config, normaliser = policy.config, policy.normaliser
     steps, generator = config.observation_steps, torch.Generator().manual_seed(0)

@@ -1,9 +1,9 @@
-"""What another appearance of a demonstration costs beside the demonstration, in CPU seconds of one core.
+"""Cost of rendering a demonstration in another appearance, in CPU seconds of one core.
 
     python benchmarks/redraw.py [--tasks place_food] [--seeds 4] [--copies 4]
 
-Demonstrations of the recipe `fast`, with the pictures of all agents (128x96), are made; then each is drawn
-again under the variation `full`'s appearance and light. Ends with JSON: seconds of each, pictures a second,
+Makes demonstrations of the recipe `fast`, with the pictures of all agents (128x96), and renders each again
+with the appearance and light of the variation `full`. Ends with JSON: seconds of both, pictures per second,
 and the ratio, of one run.
 """
 

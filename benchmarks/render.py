@@ -1,8 +1,8 @@
-"""What a picture costs: our two-arm scene beside ManiSkill's stock two-robot scene, in one run.
+"""Cost of a picture: our two-arm scene against ManiSkill's stock two-robot scene, in one run.
 
     python benchmarks/render.py [--pictures 40] [--task lift_barrier]
 
-Both draw 320x240 through the same calls, in turn, so that a busy machine slows both; neither has
+Both render 320x240 through the same calls, alternating, so that a busy machine slows both; neither has
 shadows. The last line is JSON: medians in ms, and the ratio.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.sim import Simulator  # first: it chooses the Vulkan driver
+from rf_exp.sim import Simulator  # first: selects the Vulkan driver
 from rf_exp.tasks import load_task
 
 WIDTH_PX, HEIGHT_PX = 320, 240
@@ -23,7 +23,7 @@ ORDER = (2, 1, 0, 4, 3)  # reset, step, picture, stock step, stock picture
 
 
 def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float], Callable[[], float]]:
-    """Timers in ms of one picture of a task's scene, of one control step, and of a reset."""
+    """Timers in ms of one picture of a task's scene, one control step, and one reset."""
     from omegaconf import OmegaConf
 
     path = Path(__file__).parents[1] / "conf" / "task" / f"{task_name}.yaml"
@@ -51,7 +51,7 @@ def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float], Call
 
 
 def stock() -> tuple[Callable[[], float], Callable[[], float]]:
-    """The same of ManiSkill's TwoRobotStackCube-v1, as it comes."""
+    """Timers in ms of one picture and one control step of ManiSkill's unchanged TwoRobotStackCube-v1."""
     import gymnasium
     import mani_skill.envs  # noqa: F401 - registers the environment
 

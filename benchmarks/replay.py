@@ -1,13 +1,13 @@
-"""Whether stored actions, played again from the stored seeds, give the stored episodes again, untouched.
+"""Replays stored actions from the stored seeds: do they reproduce the stored episodes, without contacts?
 
     python benchmarks/replay.py outputs/data [--episodes 50] [--workers 2]
 
 Plays every episode of every store below a folder, or the first ones of each, without pictures, and
-judges it by the strict criterion. Contact between arms is looked for twice at every control step, each way
-for itself: by force, as the simulator reports it, and by geometry, the exact overlap of links, fingers and
-loads, in which the simulator has no say (a gripper may meet what another one holds). The last line is JSON:
-episodes, successes, how many gave the stored joint positions to the last bit, in how many arms pressed on
-one another, in how many they overlapped, and the deepest overlap.
+judges it by the strict criterion. Contact between arms is tested at every control step in two independent
+ways: by force, from the simulator, and by geometry, as exact overlap of links, fingers and loads (a gripper
+may touch an object held by another). The last line is JSON: numbers of episodes, of successes, of those with
+the stored joint positions to the last bit, of those with contact forces between arms and of those with
+overlaps, and the deepest overlap.
 """
 
 import argparse
@@ -30,17 +30,17 @@ from rf_exp.types import NO_PICTURES
 
 
 class Played(NamedTuple):
-    """What became of one episode."""
+    """Result of one replayed episode."""
 
     success: bool
-    same: bool  # joint positions, to the last bit
+    same: bool  # joint positions equal to the last bit
     pressed: bool
     overlapped: bool
     depth_mm: float  # the deepest overlap
 
 
 def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> Played:
-    """Plays an episode with states (T, N, 9) and actions (T, N, 8)."""
+    """Replays an episode with states (T, N, 9) and actions (T, N, 8)."""
     world = shared_simulator(task, NO_PICTURES)
     pairs, things = tuple(combinations(task.agents, 2)), frozenset(task.objects)
     separation = Separation(task)

@@ -1,8 +1,8 @@
-"""Whether robomimic reads an export: values as in the store, its split, and a step of training on one batch.
+"""Reads an export with robomimic: compares values with the store, checks the split, trains on one batch.
 
     PYTHON benchmarks/robomimic_reads.py EXPORT STORE
 
-PYTHON is of an environment of its own with robomimic and zarr. The last line is JSON.
+PYTHON belongs to a separate environment with robomimic and zarr. The last line is JSON.
 """
 
 # pyright: reportMissingImports=false
@@ -76,7 +76,7 @@ def main() -> None:
 
 
 def train(data: SequenceDataset, cameras: dict[str, str]) -> float:
-    """The loss of behaviour cloning on one batch, after which its weights have made a step."""
+    """Trains behaviour cloning for one step on one batch; returns the loss."""
     config = config_factory("bc")
     with config.values_unlocked():
         config.observation.modalities.obs.low_dim = ["qpos", "qvel"]

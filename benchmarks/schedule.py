@@ -1,10 +1,10 @@
-"""What schedules gain over taking turns, how far from the proven bound they are, and what they cost.
+"""Schedules against serial motion and against the proven bound, and their cost.
 
     python benchmarks/schedule.py [--cases 10] [--positions 200] [--seed 0]
 
-Random cases of two and of four arms that work in a shared middle: out, two places, home. The last line is
+Random cases of two and of four arms that work in a shared area: out, two places, home. The last line is
 JSON: mean and median of makespan against serial motion and against the proven bound, of the share of
-forbidden cells, and of the ms for diagrams and for the search, by the clock and of the processor.
+forbidden cells, and of the ms for diagrams and for the search, in wall and CPU time.
 """
 
 import argparse
@@ -21,9 +21,9 @@ from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajec
 
 BASES = ((0.0, -0.75, 90.0), (0.0, 0.75, -90.0), (0.75, 0.0, 180.0), (-0.75, 0.0, 0.0))  # m, m, deg
 KEYS = ("of_serial", "gap", "forbidden", "diagrams_ms", "search_ms", "diagrams_cpu_ms", "search_cpu_ms")
-SHARED_M = 0.15  # half side of the middle in which everybody works
+SHARED_M = 0.15  # half side of the shared area
 HEIGHT_M = (0.12, 0.30)
-HOME = (0.0, -0.7, 0.0, -2.5, 0.0, 1.8, np.pi / 4)  # rad, drawn back: four at rest leave the middle free
+HOME = (0.0, -0.7, 0.0, -2.5, 0.0, 1.8, np.pi / 4)  # rad, drawn back: four at rest leave the area free
 
 
 def team(count: int) -> tuple[Task, Scene]:
@@ -37,7 +37,7 @@ def team(count: int) -> tuple[Task, Scene]:
 def trajectory(
     agent: int, planning_scene: PlanningScene, positions: int, rng: np.random.Generator
 ) -> Trajectory:
-    """Rest, two random places in the middle with a stop at each, rest."""
+    """Trajectory from rest over two random places in the shared area, with a stop at each, back to rest."""
     arm, rest = planning_scene.arms[agent - 1], np.array(HOME)
     down = np.diag([1.0, -1.0, -1.0, 1.0])
     keys = [rest]
@@ -62,7 +62,7 @@ def trajectory(
 
 
 def case(count: int, positions: int, rng: np.random.Generator) -> dict[str, float]:
-    """One random case; where timing cannot help, its explanation is part of the cost."""
+    """One random case; where no schedule exists, its explanation is part of the cost."""
     task, scene = team(count)
     planning_scene = PlanningScene(task, scene)
     trajectories = [trajectory(agent, planning_scene, positions, rng) for agent in task.agents]
@@ -92,12 +92,12 @@ def case(count: int, positions: int, rng: np.random.Generator) -> dict[str, floa
 
 
 def now_ms() -> np.ndarray:
-    """(2,) by the clock and of the processor."""
+    """Wall and CPU time (2,) in ms."""
     return 1e3 * np.array([time.perf_counter(), time.process_time()])
 
 
 def summary(values: list[float]) -> dict[str, float]:
-    """Mean and median; nan where nothing was measured."""
+    """Mean and median; NaN without values."""
     values = values or [float("nan")]
     return {"mean": round(statistics.fmean(values), 4), "median": round(statistics.median(values), 4)}
 
@@ -112,7 +112,7 @@ def main() -> None:
     arguments = parser.parse_args()
 
     rng = np.random.default_rng(arguments.seed)
-    case(2, 20, rng)  # warm up: meshes and covers are made once
+    case(2, 20, rng)  # warm up: meshes and covers are cached
     result: dict[str, object] = {"benchmark": "schedule", "positions": arguments.positions}
     for count in (2, 4):
         runs = [case(count, arguments.positions, rng) for _ in range(arguments.cases)]

@@ -1,14 +1,14 @@
-"""Whether shards come to what one process makes, on every engine, whatever is killed meanwhile.
+"""Equality of sharded runs with a single process, on every engine, with processes killed meanwhile.
 
     python benchmarks/shards.py [--engines dask,ray] [--kills 20] [--seed 0] [--folder DIR]
 
-Engines have two nodes, of one core each, on this machine: Dask a scheduler and two workers, Ray a head and a
-worker, with a token. First every engine makes the same demonstrations, without pictures, in seeds of which
-some fail: of all seeds, and until enough have succeeded. Then a node of Dask and of Ray is killed with all
-its processes while it is at work. Then workers, the processes of seeds, and commands are killed at random
-moments, and a command that has ended is given again. All kills are SIGKILL. What is there in the end is
-compared: SHA-256 over the files of the store, and over the rows but for their times. Results are kept in
-DIR/log.jsonl, where the same command goes on. The last line is JSON.
+Engines have two nodes of one core each on this machine: Dask a scheduler and two workers, Ray a head and a
+worker, with a token. First every engine makes the same demonstrations, without pictures, on seeds of which
+some fail: for all seeds, and until enough have succeeded. Then a node of Dask and of Ray is killed with all
+its processes during its work. Then workers, the processes of seeds, and commands are killed at random
+moments, and a command that has ended is run again. All kills are SIGKILL. The final artifacts are compared:
+SHA-256 over the files of the store, and over the rows without their times. Results are kept in DIR/log.jsonl,
+which the same command continues. The last line is JSON.
 """
 
 import argparse
@@ -40,14 +40,14 @@ MADE = (*MADE, "render=false", "recordings=0", "wandb=disabled", "launch.shard_s
 GOALS = ("episodes=8", "demos=5")  # the seeds 3 and 4 fail
 ENGINES = ("loky", "dask", "ray", "submitit")
 TARGETS = ("worker", "driver")
-TIMES = ("wall_s", "commit", "crc32")  # of a row; its checksum is also of its time
+TIMES = ("wall_s", "commit", "crc32")  # fields of a row to ignore; the checksum includes the time
 BIN = Path(sys.executable).parent
-MARK = "RF_EXP_BENCHMARK"  # of the environment: of which part a process is, whoever its parent has become
+MARK = "RF_EXP_BENCHMARK"  # environment variable with the part of a process, whatever its parent is now
 GONE_S, HANG_S = 5.0, 1800.0
 
 
 def processes(part: str = "") -> dict[int, int]:
-    """Living processes of a part, or of all, and their parents."""
+    """Process -> parent, of the living processes of a part or of all parts."""
     mark, found = f"\0{MARK}={os.getpid()}/{part}".encode(), {}
     for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
@@ -61,13 +61,13 @@ def start(
     part: str, command: list[str], said: Path, environment: Mapping[str, str]
 ) -> subprocess.Popen[bytes]:
     marked = {**os.environ, **environment, MARK: f"{os.getpid()}/{part}"}
-    marked["SPT_NOENV"] = "1"  # or what Ray calls its processes takes the place of the mark
+    marked["SPT_NOENV"] = "1"  # or the process titles of Ray overwrite the mark
     with said.open("ab") as file:
         return subprocess.Popen(command, env=marked, stdout=file, stderr=file, start_new_session=True)
 
 
 def kill(part: str) -> None:
-    """Every process of a part, as if its machine had gone."""
+    """Kills every process of a part, as if its machine had failed."""
     while found := processes(part):
         for pid in found:
             with suppress(ProcessLookupError):
@@ -90,13 +90,13 @@ class Cluster:
 
     @property
     def arguments(self) -> list[str]:
-        """Of the command that uses it."""
+        """Arguments of a command that uses this engine."""
         here = f"127.0.0.1:{self._port}"
         address = {"dask": f"tcp://{here}", "ray": here, "submitit": "local"}.get(self.engine, "null")
         return [f"launch.engine={self.engine}", f"launch.address={address}"]
 
     def start(self, name: str) -> None:
-        """Its head, or another node."""
+        """Starts the head, or another node."""
         here, port = "127.0.0.1", str(self._port)
         if self.engine == "dask":
             command = ["dask", "scheduler", "--host", here, "--port", port, "--no-dashboard"]
@@ -113,7 +113,7 @@ class Cluster:
         start(name, command, self.folder / f"{self.engine}-{name}.txt", self.environment)
 
     def answers(self) -> None:
-        """Waits until its head does."""
+        """Waits until the head accepts connections."""
         end = time.monotonic() + HANG_S
         while time.monotonic() < end:
             with suppress(OSError), socket.create_connection(("127.0.0.1", self._port), timeout=1.0):
@@ -123,7 +123,7 @@ class Cluster:
 
 @contextmanager
 def cluster(engine: str, folder: Path) -> Iterator[Cluster]:
-    """An engine that is up, and is gone afterwards."""
+    """Context with a running engine, which is killed afterwards."""
     made = Cluster(engine, folder)
     nodes = {"dask": ("head", "node1", "node2"), "ray": ("head", "node2")}.get(engine, ())
     with ExitStack() as stack:
@@ -141,7 +141,7 @@ def command(made: Cluster, out: Path, goal: str, workers: int = 2) -> subprocess
 
 
 def content(out: Path) -> str:
-    """SHA-256 over the names and bytes of the store's files and over the rows but for their times."""
+    """SHA-256 over the names and bytes of the store's files and over the rows without their times."""
     sha = hashlib.sha256()
     for path in sorted(path for path in out.glob("data/**/*.zarr/**/*") if path.is_file()):
         sha.update(str(path.relative_to(out)).encode() + path.read_bytes())
@@ -151,12 +151,12 @@ def content(out: Path) -> str:
 
 
 def lines(out: Path) -> list[str]:
-    """The rows as they stand there."""
+    """The rows as lines of text."""
     return [line for path in sorted(out.glob("results/**/*.jsonl")) for line in path.read_text().splitlines()]
 
 
 def finished(out: Path) -> list[str]:
-    """The rows of shards that are finished."""
+    """The rows of finished shards."""
     found = [lines(shard) for shard in out.glob("shards/*/*-*")]
     return [line for rows in found if len(rows) == 2 for line in rows]
 
@@ -172,12 +172,12 @@ def cpu_s() -> dict[int, float]:
 
 
 def cost(made: Cluster, out: Path, goal: str, workers: int) -> dict[str, Any]:
-    """One run that nobody disturbs: what it makes, and what it costs, nodes included."""
+    """Content and cost, including nodes, of one undisturbed run."""
     shutil.rmtree(out, ignore_errors=True)
     began, before = time.monotonic(), cpu_s()
     spent, run = dict(before), command(made, out, goal, workers)
     while run.poll() is None:
-        spent |= cpu_s()  # what a process does in its last moment is missing
+        spent |= cpu_s()  # misses the last moment of each process
         time.sleep(0.25)
     spent_s = sum(spent.values()) - sum(before.values())
     found = {"code": run.returncode, "sha": content(out), "shards_left": len([*out.glob("shards/*/*-*")])}
@@ -185,7 +185,7 @@ def cost(made: Cluster, out: Path, goal: str, workers: int) -> dict[str, Any]:
 
 
 def seeds_at_work(part: str = "") -> dict[int, int]:
-    """The processes in which seeds are tried, and the engine's process that is the parent of each."""
+    """Process of a seed -> its parent, a process of the engine."""
     found = processes(part).items()
     return {
         pid: parent for pid, parent in found if "spawn_main" in said(pid) and "bin/dask" not in said(parent)
@@ -199,7 +199,7 @@ def said(pid: int) -> str:
 
 
 def orphans() -> list[int]:
-    """Processes of ours whose parent is neither of ours nor this one."""
+    """Our processes whose parent is neither one of ours nor this process."""
     found = processes()
     return [pid for pid, parent in found.items() if parent not in found and parent != os.getpid()]
 
@@ -212,7 +212,7 @@ def until(holds: Callable[[], object], seconds: float = HANG_S) -> bool:
 
 
 def kill_node(made: Cluster, out: Path, sha: str) -> dict[str, Any]:
-    """A node that goes while it is at work, when a shard is finished; the command is left alone."""
+    """Kills a node during its work, once a shard is finished; the command goes on."""
     shutil.rmtree(out, ignore_errors=True)
     run = command(made, out, GOALS[0])
     hit = until(lambda: run.poll() is not None or (finished(out) and seeds_at_work("node2")))
@@ -224,7 +224,7 @@ def kill_node(made: Cluster, out: Path, sha: str) -> dict[str, Any]:
 def kill_one(
     made: Cluster, who: str, work_s: float, rng: np.random.Generator, out: Path, sha: str
 ) -> dict[str, Any]:
-    """A worker, a seed's process or the command at a random moment; where it ends, the same command again."""
+    """Kills a worker, a seed's process or the command at a random moment; repeats a command that failed."""
     shutil.rmtree(out, ignore_errors=True)
     run, after_s = command(made, out, GOALS[0]), rng.uniform(0.0, work_s)
     until(lambda: run.poll() is not None or seeds_at_work())
@@ -248,7 +248,7 @@ def kill_one(
 
 
 def judged(out: Path, sha: str, kept: list[str]) -> dict[str, Any]:
-    """`kept` are the rows of the shards that were finished when somebody was killed."""
+    """Verdict on the final artifacts; `kept` are the rows of shards that were finished before the kill."""
     seeds = [json.loads(line)["seed"] for line in lines(out)]
     return {
         "equal": content(out) == sha,
@@ -259,7 +259,7 @@ def judged(out: Path, sha: str, kept: list[str]) -> dict[str, Any]:
 
 
 class Log:
-    """What was measured, in a file: the same command goes on from there."""
+    """Results in a file, which the same command continues."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

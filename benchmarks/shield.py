@@ -1,13 +1,13 @@
-"""What a shield does and costs: demonstrations played back with and without, each arm on a clock of its own.
+"""Effect and cost of the shield: demonstrations played back with and without it, each arm with its own delay.
 
     python benchmarks/shield.py outputs/data [--episodes 5] [--late 60] [--chunk 16] [--workers 2]
 
-Each agent plays the commands that it was shown, in chunks, blind to the others, and begins up to `--late`
-control steps late, drawn from the seed: as separate policies would that have learnt every motion and no
-agreement. With `--late 0` it is the demonstration itself, which a shield should leave alone. Every episode
-runs without and with the shield, in the same scene, without pictures. A line for each store; the last one is
-JSON: episodes, successes, control steps with a violation and with contact, interventions, without and with;
-times of a control step of a rollout in ms, without and with, and of the shield alone; and their ratio.
+Each agent plays its demonstrated commands in chunks, regardless of the others, and starts up to `--late`
+control steps late, drawn from the seed, like separate policies that have learnt every motion and no
+coordination. With `--late 0` it is the demonstration itself, in which a shield should not intervene. Every
+episode runs without and with the shield, in the same scene, without pictures. One line per store; the last
+line is JSON: episodes, successes, control steps with a violation and with contact, interventions, without and
+with; times of a control step of a rollout in ms, without and with, and of the shield alone; and their ratio.
 """
 
 import argparse
@@ -31,12 +31,12 @@ from rf_exp.store import Store
 from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
 from rf_exp.types import NO_PICTURES, Episode, Rollout, Scene
 
-FASTEST_RAD = 0.05  # a control step; demonstrations are slower
-SLOWER = 2  # times as long as the demonstration, a rollout may take
+FASTEST_RAD = 0.05  # per control step; demonstrations are slower
+SLOWER = 2  # step limit of a rollout, relative to the demonstration
 
 
 class Player(PolicyRunner):
-    """One agent that plays commands (T, 8) back, chunk by chunk, and stands still before and behind them."""
+    """Policy of one agent that plays back commands (T, 8) in chunks, and holds still before and after."""
 
     def __init__(self, agent: int, commands: NDArray[np.float64], chunk: int, late: int) -> None:
         self._commands, self._chunk, self._late, self._done = commands, chunk, late, -late
@@ -58,7 +58,7 @@ class Player(PolicyRunner):
 
 @dataclass
 class Timed:
-    """A shield that knows how long it takes."""
+    """Shield that records its run times."""
 
     shield: Shield
     times_s: list[float]
@@ -70,11 +70,11 @@ class Timed:
         return decision
 
 
-Both = dict[bool, tuple[Rollout, float]]  # with a shield -> rollout, seconds it took
+Both = dict[bool, tuple[Rollout, float]]  # with a shield or not -> rollout, its wall time in s
 
 
 def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, list[float]]:
-    """Without and with a shield, and how long the shield took at each control step."""
+    """Rollouts without and with a shield, and the time of the shield in s at each control step."""
     rng = np.random.default_rng([episode.seed, late])
     delays = rng.integers(0, late + 1, len(task.agents)).tolist()
     commands = episode.commanded.astype(float)
@@ -96,7 +96,7 @@ def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, lis
 
 
 def summary(played: list[tuple[Both, list[float]]]) -> dict[str, float]:
-    """Counts and times of all that was played."""
+    """Counts and times over all rollouts."""
     said: dict[str, float] = {"episodes": len(played)}
     step_ms = {}
     for shielded, name in ((False, "without"), (True, "with")):

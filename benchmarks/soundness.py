@@ -1,19 +1,19 @@
-"""What models of occupancy miss and what they cry wolf at, against exact convex hulls.
+"""Missed collisions and false alarms of occupancy models, against exact convex hulls.
 
     python benchmarks/soundness.py [--states 10000] [--near 2000] [--seed 0] [--workers 1]
 
 Random states of the teams of three tasks (two, three and four arms over the table): arms that lean over the
-shared middle, fingers at any opening, half of the hands with a load at its annotated grasp point. No arm
-folds into itself or reaches into the table. States near contact come from random ones that collide: the
-whole team is drawn back to rest until its gap is a drawn one within 15 mm of contact, either side, half of
-them within 2 mm. Truth: coal on the convex hulls of all pairs of links and loads of two arms; no pair is
-skipped. The first model is the paper's text read literally. Two are the project's own, called as
-they are: what a plan must pass before it moves (`AvoidAgentsCheck.planned`, with its 10 mm margin) and what
-watches the measured state (`touching`).
+shared area, fingers at random openings, half of the grippers with a load at its annotated grasp point. No arm
+collides with itself or with the table. States near contact are made from random ones that collide: the whole
+team is moved back towards rest until its gap has a random value within 15 mm of contact, on either side, half
+of them within 2 mm. Ground truth: coal on the convex hulls of all pairs of links and loads of two arms; no
+pair is skipped. The first model is the paper's text taken literally. Two are the project's own, called
+unchanged: the check of a plan before execution (`AvoidAgentsCheck.planned`, with its 10 mm margin) and the
+monitor of the measured state (`touching`).
 
 Each state is one sample, whatever its number of arms. The last line is JSON: for each model the share of
-collisions missed and of free states flagged with Wilson's 95 % intervals, and processor ms a state, bodies
-included.
+missed collisions and of flagged free states with Wilson's 95 % intervals, and CPU ms per state, including
+the construction of bodies.
 """
 
 import argparse
@@ -56,10 +56,10 @@ LOADS = (
     ("steak", "center"), ("shoe", "center"), ("camera", "left"), ("camera", "right"),
     ("cube", "center"), ("hammer", "handle"), ("lid", "knob"),
 )  # fmt: skip
-LEAN = np.array([0.0, 0.8, 0.0, -1.2, 0.0, 2.0, 0.8])  # rad, reaching over the shared middle
+LEAN = np.array([0.0, 0.8, 0.0, -1.2, 0.0, 2.0, 0.8])  # rad, reaching over the shared area
 SPREAD_RAD = 0.5
 NEAR_M = 0.015
-XTOL = 1e-5  # of the way back to rest
+XTOL = 1e-5  # tolerance, as a fraction of the way back to rest
 BONE_STEP_M = 0.01
 FINE_M = 0.025
 CHUNK = 100  # states of one random stream, so that results do not depend on the number of workers
@@ -67,7 +67,7 @@ CHUNK = 100  # states of one random stream, so that results do not depend on the
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A team as it stands; the objects of its task are what it holds."""
+    """State of a team; the objects of its task are the loads of its arms."""
 
     task: Task
     qpos: NDArray[np.float64]  # (N, 9) rad, metres
@@ -88,7 +88,7 @@ class State:
         return replace(_empty(self.qpos), poses=poses, held=self.loads)
 
     def plan(self) -> Plan:
-        """What the checker gets: everybody stands still for one control step."""
+        """The plan for the checker: all arms hold still for one control step."""
         standing = zip(self.task.agents, self.qpos, self.loads, self.grips, strict=True)
         trajectories = tuple(_still(*each) for each in standing)
         schedule = Schedule(np.arange(2)[:, None].repeat(len(trajectories), axis=1), 1)
@@ -128,7 +128,7 @@ def team(name: str) -> Task:
 
 
 def draw(task: Task, rng: np.random.Generator) -> State:
-    """A team that leans over the table, each arm alone free of itself and of the table."""
+    """A random team leaning over the table; each arm alone is free of self-collision and of the table."""
     low, high = DEFAULT.limits_rad
     objects: dict[str, ObjectSpec] = {}
     arms = []
@@ -158,13 +158,13 @@ def _cameras(task: Task) -> dict:
 
 
 def touches(state: State) -> bool:
-    """What the monitor says of the measured state, which it has never seen before."""
+    """Whether a fresh monitor finds arms of the measured state touching."""
     separation = Separation(state.task)
     return touching(separation, state.scene(), state.pairs(), lambda agent: frozenset()) is not None
 
 
 def near_contact(state: State, target_m: float) -> State | None:
-    """The team drawn back towards rest until its gap is the target's; None where that does not happen."""
+    """The team moved back towards rest until its gap is `target_m`; None where there is no such state."""
     rest = state.qpos.copy()
     rest[:, :7] = DEFAULT.rest_rad
 
@@ -182,7 +182,7 @@ def near_contact(state: State, target_m: float) -> State | None:
 
 
 def gap_m(state: State) -> float:
-    """The least distance of two arms, with what they hold; negative where they overlap."""
+    """The smallest distance of two arms with their loads; negative where they overlap."""
     found = [nearest(a, b) for a, b in combinations(state.bodies(), 2)]
     return min(each.distance_m for each in found if each is not None)
 
@@ -191,7 +191,7 @@ def gap_m(state: State) -> float:
 
 
 def hull_pairs(state: State) -> Iterator[tuple]:
-    """Shape and pose of either hull, for every two hulls of two arms."""
+    """Shapes and poses of all pairs of hulls of two arms."""
     for a, b in combinations(state.bodies(), 2):
         for i, x in enumerate(a.pieces):
             for j, y in enumerate(b.pieces):
@@ -199,7 +199,7 @@ def hull_pairs(state: State) -> Iterator[tuple]:
 
 
 def collides(state: State) -> bool:
-    """Any two hulls of two arms intersect; nothing is skipped."""
+    """Whether any two hulls of two arms intersect; no pair is skipped."""
     request = coal.CollisionRequest()
     return any(coal.collide(*pair, request, coal.CollisionResult()) for pair in hull_pairs(state))
 
@@ -214,12 +214,12 @@ def distance_m(state: State) -> float:
 
 
 def joints(body: Swept) -> NDArray[np.float64]:
-    """(L, 3) link origins, the joint points of the paper's text, and the origin of what is held."""
+    """Link origins (L, 3), the joint points of the paper's text, and the origin of the load."""
     return body.poses[0, :, :3, 3]
 
 
 def bones(body: Swept) -> NDArray[np.float64]:
-    """Points along the straight lines from joint to joint."""
+    """Points (K, 3) along the straight lines between consecutive joints."""
     lines = []
     for start, end in pairwise(joints(body)):
         count = 2 + int(np.linalg.norm(end - start) / BONE_STEP_M)
@@ -228,7 +228,7 @@ def bones(body: Swept) -> NDArray[np.float64]:
 
 
 def of_points(points: Callable[[Swept], NDArray[np.float64]]) -> Callable[[State], bool]:
-    """The model that fills only the voxels of some points."""
+    """Model that fills only the voxels of some points."""
 
     def alarm(state: State) -> bool:
         filled = [np.floor(points(body) / VOXEL_M).astype(np.int64) for body in state.bodies()]
@@ -238,7 +238,7 @@ def of_points(points: Callable[[Swept], NDArray[np.float64]]) -> Callable[[State
 
 
 def of_volume(voxel_m: float) -> Callable[[State], bool]:
-    """The model that fills every voxel which a body enters."""
+    """Model that fills every voxel that a body enters."""
 
     def alarm(state: State) -> bool:
         filled = [voxels(body, voxel_m=voxel_m) for body in state.bodies()]
@@ -248,7 +248,7 @@ def of_volume(voxel_m: float) -> Callable[[State], bool]:
 
 
 def twice(state: State) -> bool:
-    """The first look by voxels, and exact distances of the arms that share one."""
+    """Model with a broad phase by voxels, and exact distances of the arms that share one."""
     looks = [(body, voxels(body)) for body in state.bodies()]
     for (a, filled_a), (b, filled_b) in combinations(looks, 2):
         if len(shared(filled_a, filled_b)):
@@ -259,7 +259,7 @@ def twice(state: State) -> bool:
 
 
 def planned_too_close(state: State) -> bool:
-    """What a plan must pass before it moves."""
+    """Model that is the check of a plan before execution."""
     return not AvoidAgentsCheck(state.task.agents).planned(state.plan()).ok
 
 
@@ -280,7 +280,7 @@ MODELS: dict[str, Callable[[State], bool]] = {
 
 @dataclass(frozen=True)
 class Sample:
-    """One state and what every model says about it."""
+    """One state with the verdicts of all models."""
 
     arms: int
     loads: int
@@ -305,7 +305,7 @@ def states(kind: str, count: int, seed: int, chunk: int) -> Iterator[State]:
 
 
 def measure(kind: str, count: int, seed: int, chunk: int) -> list[Sample]:
-    """One chunk of states, judged by every model."""
+    """Samples of one chunk of states."""
     samples = []
     for state in states(kind, count, seed, chunk):
         alarms, spent_s = [], []
@@ -320,7 +320,7 @@ def measure(kind: str, count: int, seed: int, chunk: int) -> list[Sample]:
 
 
 def rate(hits: NDArray[np.bool_]) -> dict[str, float | int]:
-    """Count, share and interval in percent of a set of answers."""
+    """Count, share and interval in percent of the True entries."""
     if not len(hits):
         return {"count": 0, "of": 0}
     estimate = wilson(int(hits.sum()), len(hits))
@@ -344,7 +344,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
 
-    measure("random", len(TEAMS), arguments.seed + 1, 0)  # warm up: shapes are made once
+    measure("random", len(TEAMS), arguments.seed + 1, 0)  # warm up: shapes are cached
     wanted = {"random": arguments.states, "near": arguments.near}
     jobs = [
         partial(measure, kind, min(CHUNK, count - begin), arguments.seed, begin // CHUNK)

@@ -1,13 +1,13 @@
-"""Whether signal temporal logic, evaluated by rtamt, and the monitor say the same of executed episodes.
+"""Agreement of the monitor with signal temporal logic, evaluated by rtamt, on executed episodes.
 
     python benchmarks/stl.py [--episodes 20] [--tasks all] [--log FILE]
 
-Every other episode is made with all constraints on, the others with the logical ones alone, so that what the
-rest demands is broken at times. Each executed plan is judged by all constraints of its proposal, whether they
-were on or not, and by limits, orders and zones drawn at random. A verdict is one check on one executed plan:
-the monitor's, and that of the robustness of its formulas. Violations of a schedule that was not carried out
-so far are undecided. With --log every episode is a line of that file, and those that are there already are
-not made again. The last line is JSON.
+Every other episode is made with all constraints on, the others with only the logical ones, so that the other
+constraints are violated at times. Each executed plan is judged by all constraints of its proposal, whether on
+or not, and by random limits, orders and zones. A verdict is one check on one executed plan, by the monitor
+and by the robustness of its formulas. Violations of a schedule beyond the executed part are undecided. With
+--log every episode is a line of that file, and episodes that it has are not made again. The last line is
+JSON.
 """
 
 import argparse
@@ -57,7 +57,7 @@ FULL, LOGICAL, BLIND = (
 
 
 def drawn(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> Iterator[Statement]:
-    """Constraints that an episode may break or keep."""
+    """Random constraints that an episode may violate or satisfy."""
     agent, other = (int(each) for each in rng.choice(task.agents, 2, replace=len(task.agents) < 2))
     thing = str(rng.choice(sorted(task.objects)))
     goals = [goal for goal in proposal.subgoals if goal.object]
@@ -94,7 +94,7 @@ def drawn(task: Task, proposal: Proposal, length_s: float, rng: np.random.Genera
 
 
 def checks(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> list[Check]:
-    """Those of the proposal, implied ones with them, and of the drawn constraints those that fit it."""
+    """The checks of the proposal, with implied ones, and of those random constraints that compile for it."""
     found = list(RoboChecker(task, proposal, FULL).checks)
     for stated in drawn(task, proposal, length_s, rng):
         try:
@@ -105,7 +105,8 @@ def checks(task: Task, proposal: Proposal, length_s: float, rng: np.random.Gener
 
 
 def episode(task: Task, seed: int) -> dict[str, Any]:
-    """Kind of check -> how many verdicts, formulas, violations and disagreements; and the two times."""
+    """Row of an episode: per kind of check the numbers of verdicts, of those with a number, of violations and
+    of disagreements; and the two CPU times."""
     settings = Settings.configured(task, FULL if seed % 2 == 0 else LOGICAL, ScriptedSpec())
     trace, began, rng = Trace(), time.process_time(), np.random.default_rng([seed, 3])
     EpisodeMaker(settings, shared_simulator(task, BLIND), settings.make_brain(seed), trace).make(seed)
@@ -138,7 +139,7 @@ def episode(task: Task, seed: int) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Markdown: agreeing verdicts of all, and how many of them are violations, for each task and kind."""
+    """Markdown table of verdicts, violations and agreement, for each kind and task."""
     names = sorted({name for row in rows for name in row["kinds"]})
     lines = []
     for name in names:

@@ -1,18 +1,18 @@
-"""Two Pandas of stock ManiSkill pass through one another's hands; with own collision ids they do not.
+"""Grippers of two Pandas in stock ManiSkill pass through one another; with collision ids per arm they do not.
 
     python benchmarks/stock_collisions.py
 
-Needs `mani-skill` and nothing of this project. In `TwoRobotPickCube-v1` two Pandas stand face to face. The
-second one is moved up, base and all, until the middles of the two hands are 30 mm apart: 35 mm deep in one
-another, the fingers beside one another. Then both are told to stay where they are, for two seconds.
+Needs only `mani-skill`, nothing of this project. In `TwoRobotPickCube-v1` two Pandas stand face to face. The
+second one is moved, with its base, until the centres of the two hand links are 30 mm apart: 35 mm deep in one
+another, the fingers side by side. Then both hold their joints for two seconds.
 
 Links that the SRDF excuses from colliding within an arm (hand with link 5, 6, 7, ...) share a bit in word 2
 of their collision groups. PhysX ignores two shapes with a common bit in word 2 and equal numbers in word 3,
-and SAPIEN leaves word 3 at 0 for every articulation: so what is excused within an arm is excused between
-arms, and every such link with itself.
+and SAPIEN leaves word 3 at 0 for every articulation. Pairs that are excused within an arm are therefore also
+excused between arms, and so is every such link with its counterpart.
 
-The last line is JSON: how far apart the hands are in the end and in how many physics steps PhysX reported a
-contact of the two, as it is and with word 3 set to the number of the robot.
+The last line is JSON: the final distance of the hand links and the number of physics steps with a contact of
+the two, unchanged and with word 3 set to the number of the robot.
 """
 
 import json
@@ -28,7 +28,7 @@ SECONDS, APART_M = 2.0, 0.03
 
 
 def pushed_apart(*, own_ids: bool) -> tuple[float, int]:
-    """(distance of the two hands in the end in mm, physics steps with a contact between them)."""
+    """(final distance of the two hand links in mm, physics steps with a contact between them)."""
     env = gymnasium.make("TwoRobotPickCube-v1", obs_mode="none", render_backend="none")
     env.reset(seed=0)
     base: Any = env.unwrapped

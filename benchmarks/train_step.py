@@ -1,11 +1,11 @@
-"""What a training step costs: frames encoded once or for each window, NHWC or NCHW, in one run.
+"""Cost of a training step: frames encoded once or for each window, NHWC or NCHW, in one run.
 
     python benchmarks/train_step.py [--size compact|paper] [--steps 5] [--batch 32] [--threads 1]
                                     [--lerobot PYTHON]
 
-One step is forward and backward of the loss. The four variants take turns on the same batches, so that
-a busy machine slows all of them; with LeRobot's diffusion policy as well, in the environment of PYTHON
-(lerobot_steps.py). The last line is JSON: windows/s of each, and the ratios.
+One step is the forward and backward pass of the loss. The four variants alternate on the same batches, so
+that a busy machine slows all of them; optionally also LeRobot's diffusion policy, in the environment of
+PYTHON (lerobot_steps.py). The last line is JSON: windows/s of each, and the ratios.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def main() -> None:
             frames = len(unique.pictures)
             for kind, batch in (("unique", unique), ("naive", per_window(unique))):
                 for name, layout in (("nhwc", torch.channels_last), ("nchw", torch.contiguous_format)):
-                    # `encode` makes channels_last of (U, h, w, 3); for NCHW the memory is laid out so first.
+                    # `encode` makes (U, h, w, 3) channels_last; for NCHW the memory is laid out first.
                     laid = batch.pictures
                     if layout is torch.contiguous_format:
                         laid = laid.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)

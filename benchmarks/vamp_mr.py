@@ -1,13 +1,13 @@
-"""From posture to posture in VAMP-MR's scenes of Pandas: two with rods, four, four with rods over bins.
+"""Motions between postures in VAMP-MR's scenes of Pandas: two with rods, four, four with rods over bins.
 
     python benchmarks/vamp_mr.py [--scenes panda_four] [--pairs 20] [--out FOLDER]
 
-For every ordered pair of the named postures of a scene (`vamp_mr.yaml`) each arm is planned for, who waits
-for whom is scheduled, and the whole is checked, by the suite's own planner, of which `assume` is a verb from
-outside. Postures that do not keep its margins are left out, as VAMP-MR leaves out those in collision. A row a
-pair in FOLDER/vamp_mr.jsonl, which is gone on with. The last line is JSON: of each scene how many pairs have
-a plan, what it takes (CPU s, median and worst), its makespan, also against that of the slowest arm alone, and
-why others have none.
+For every ordered pair of the named postures of a scene (`vamp_mr.yaml`), the suite's planner plans each arm,
+schedules them and checks the result; `assume` is a verb added here. Postures that do not keep the planner's
+margins are left out, as VAMP-MR leaves out those in collision. One row per pair in FOLDER/vamp_mr.jsonl; a
+further run continues this file. The last line is JSON: for each scene the number of pairs with a plan, CPU
+seconds (median and worst), the makespan, also against that of the slowest arm alone, and the reasons of
+failures.
 """
 
 import argparse
@@ -34,19 +34,19 @@ from rf_exp.tasks.assets import Asset, Part
 from rf_exp.transforms import from_axes, planar, transform
 from rf_exp.types import CONTROL_DT_S, FINGERS, ConstraintSet, JointLimits, Scene, Subgoal
 
-# The speed of VAMP-MR's benchmark, which does not limit accelerations; the lowest that Franka allows a joint.
+# Velocity of VAMP-MR's benchmark, which does not limit accelerations; Franka's lowest limit of acceleration.
 LIMITS = JointLimits(velocity_rad_s=1.0, acceleration_rad_s2=7.5)
 OPEN_M, HELD_M = 0.035, 0.015  # of each finger from the middle
-# tcp_from_rod. It is said in a frame of VAMP's hand that we do not have; so it leaves the most postures free.
+# tcp_from_rod. VAMP-MR defines it in a gripper frame that we lack; this choice leaves the most postures free.
 ROD = from_axes((0, 0, 0), z=(1, 1, 0), y=(-1, 1, 0))
 Row = dict[str, Any]
 Postures = NDArray[np.float64]  # (N, 7) rad
 
-_goals: dict[int, NDArray[np.float64]] = {}  # agent -> (7,) rad of the pair that is planned
+_goals: dict[int, NDArray[np.float64]] = {}  # agent -> goal (7,) rad of the current pair
 
 
 def assume(request: Request, state: State) -> Motion:
-    """One motion to the posture that the pair asks of an agent."""
+    """Primitive: one motion to the goal posture of an agent."""
     points = request.reach.freely(request.agent, _goals[request.agent], state, request.subgoal.text)
     moving, state = request.segment("assume", points, state)
     return (moving,), state
@@ -57,7 +57,7 @@ add_primitive("assume", assume)
 
 
 def cell(name: str, said: Any) -> ReadTask:
-    """A scene without its postures. Rods are things that the arms hold, the sides of bins stand about."""
+    """The task of a scene: arms, rods as objects that they hold, and the sides of bins as static objects."""
     robots, assets = [], dict[str, Asset]()
     for x_m, y_m, yaw_rad in said.bases:
         base, yaw_deg = planar(x_m, y_m, yaw_rad), float(np.degrees(yaw_rad))
@@ -77,7 +77,7 @@ def cell(name: str, said: Any) -> ReadTask:
 
 
 def standing(task: ReadTask, posture: Postures) -> Scene:
-    """The scene in which the arms stand so, each with its rod where there are any."""
+    """The scene with the arms in a posture, each with its rod if the task has rods."""
     poses = {name: transform() for name in task.objects}
     held = tuple(f"rod{agent}" if f"rod{agent}" in poses else None for agent in task.agents)
     for agent, rod in zip(task.agents, held, strict=True):
@@ -89,7 +89,7 @@ def standing(task: ReadTask, posture: Postures) -> Scene:
 
 
 def unfit(task: ReadTask, posture: Postures) -> str:
-    """Why no plan may begin or end in a posture; empty where one may."""
+    """The reason why no plan may begin or end in a posture; empty where one may."""
     scene = PlanningScene(task, standing(task, posture))
     for pair in combinations(task.agents, 2):
         gap = nearest(*measured_pair(scene, pair, lambda _: frozenset()))
@@ -99,7 +99,7 @@ def unfit(task: ReadTask, posture: Postures) -> str:
 
 
 def planned(task: ReadTask, start: Postures, goal: Postures) -> Row:
-    """One pair: whether there is a plan, what it takes, and its makespan; or why there is none."""
+    """Row of one pair: whether there is a plan, CPU seconds, and its makespan or the reason of failure."""
     _goals.update(zip(task.agents, goal, strict=True))
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), limits=LIMITS)
     scene, subgoals = standing(task, start), tuple(Subgoal(agent, "assume") for agent in task.agents)
@@ -114,7 +114,7 @@ def planned(task: ReadTask, start: Postures, goal: Postures) -> Row:
 
 
 def summary(rows: list[Row]) -> Row:
-    """Of the pairs of a scene."""
+    """Summary of the pairs of a scene."""
     made = [row for row in rows if row["plan"]]
     spent = [row["cpu_s"] for row in rows]
     said = {"pairs": len(rows), "planned": len(made), "cpu_s": round(float(np.median(spent)), 2)}

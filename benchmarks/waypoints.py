@@ -1,13 +1,13 @@
-"""Up to three Pandas that take turns at waypoints: a scene of the multi-robot planning benchmark.
+"""Up to three Pandas that visit waypoints in turn: a scene of the multi-robot planning benchmark.
 
     python benchmarks/waypoints.py [--arms 1,2,3] [--seeds 5] [--out FOLDER]
 
-Each arm brings its fingertips to all waypoints that it can reach, in their order, at each after the arm
-before it, and goes home (`waypoints.yaml`). Planned, scheduled and checked at once by the suite's own
-planner, of which `near` and `touch` are verbs from outside; a seed decides the search for paths alone. A row
-a seed in FOLDER/waypoints.jsonl. The last line is JSON: by the number of arms how many seeds have a plan,
-what it takes (CPU s), its makespan against the proven bound for its paths and against the slowest arm alone,
-and why others have none.
+Each arm brings its fingertips to all waypoints in its reach, in order, at each waypoint after the previous
+arm, and goes home (`waypoints.yaml`). The suite's planner plans, schedules and checks all of this at once;
+`near` and `touch` are verbs added here, and a seed affects only the path search. One row per seed in
+FOLDER/waypoints.jsonl. The last line is JSON: by the number of arms the number of seeds with a plan, CPU
+seconds, the makespan against the proven bound for the paths and against the slowest arm alone, and the
+reasons of failures.
 """
 
 import argparse
@@ -39,8 +39,8 @@ from rf_exp.types import CONTROL_DT_S, FINGERS, ConstraintSet, JointLimits, Scen
 
 LIMITS = JointLimits(velocity_rad_s=1.0, acceleration_rad_s2=7.5)  # as benchmarks/vamp_mr.py
 OPEN_M = 0.035  # of each finger from the middle
-NEAR_M = 0.15  # before a waypoint, where an arm may wait for its turn
-# Of the tool: from straight down to upwards, beside the direction from base to waypoint, and about itself.
+NEAR_M = 0.15  # distance from a waypoint at which an arm may wait for its turn
+# Tool angles: from straight down to upwards, from the direction base to waypoint, and about the tool's axis.
 PITCH_RAD, YAW_RAD, ROLL_RAD = (
     np.deg2rad(each) for each in (range(-90, 61, 30), (-60, -30, 0, 30, 60), (0, 90))
 )
@@ -48,7 +48,7 @@ Row = dict[str, Any]
 
 
 def directions(base: Matrix, waypoint: Matrix) -> list[Matrix]:
-    """TCP poses (4, 4) with fingertips at a waypoint: where the tool looks is free there."""
+    """Candidate TCP poses (4, 4) with the fingertips at a waypoint, whose orientation is free."""
     at_m, found = waypoint[:3, 3], []
     ahead_rad = np.arctan2(*(at_m - base[:3, 3])[1::-1])
     for pitch, yaw, roll in product(PITCH_RAD, YAW_RAD + ahead_rad, ROLL_RAD):
@@ -60,7 +60,7 @@ def directions(base: Matrix, waypoint: Matrix) -> list[Matrix]:
 
 
 def near(request: Request, state: State) -> Motion:
-    """To before a waypoint, wherever a straight line leads to it from."""
+    """Primitive: motion to a pose `NEAR_M` before a waypoint from which a straight line leads to it."""
     reach, agent, name = request.reach, request.agent, request.subgoal.object or ""
     goals = np.stack(directions(reach.arms[agent].world_from_base, state.poses[name]))
     before = drawn_back(goals, NEAR_M)
@@ -79,7 +79,10 @@ def near(request: Request, state: State) -> Motion:
 
 
 def touch(request: Request, state: State) -> Motion:
-    """The rest of the way, straight on, and back, as the next arm comes to the same place."""
+    """Primitive: straight line to the waypoint and back, as the next arm comes to the same place.
+
+    Raises Unreachable where there is no straight line.
+    """
     reach, agent = request.reach, request.agent
     line = reach.line(agent, state.qpos[agent], drawn_back(request.tcp(state), -NEAR_M))
     if line is None:
@@ -95,7 +98,7 @@ for named, primitive in (("near", near), ("touch", touch)):
 
 
 def cell(said: Any, arms: int) -> tuple[ReadTask, Scene]:
-    """The first so many arms at home, and the waypoints, which are marks in the air."""
+    """Task and scene of the first `arms` arms at home, and the waypoints as objects without shapes."""
     robots = []
     for x_m, y_m, yaw_deg in said.bases[:arms]:
         pose = planar(x_m, y_m, np.deg2rad(yaw_deg))
@@ -108,7 +111,7 @@ def cell(said: Any, arms: int) -> tuple[ReadTask, Scene]:
 
 
 def in_reach(task: ReadTask, scene: Scene) -> list[tuple[str, int]]:
-    """Each waypoint, and each agent that can come to it, in turn."""
+    """(waypoint, agent) for each waypoint and each agent that can reach it, in the order of visits."""
     reach = Reach(task.arms, LIMITS, lambda *_, **__: None, Search(np.random.default_rng(0)))
     state, nothing = present_state(task, scene), LookAhead(lambda _: lambda goal, points: 0.0)
     found = []
@@ -120,7 +123,7 @@ def in_reach(task: ReadTask, scene: Scene) -> list[tuple[str, int]]:
 
 
 def asked(task: ReadTask, touched: list[tuple[str, int]]) -> Proposal:
-    """Each waypoint by each arm, in turn, and home."""
+    """The proposal: all visits in order, then home."""
     subgoals = tuple(
         Subgoal(agent, verb, name)
         for agent in task.agents
@@ -135,7 +138,7 @@ def asked(task: ReadTask, touched: list[tuple[str, int]]) -> Proposal:
 
 
 def planned(task: ReadTask, scene: Scene, proposal: Proposal, seed: int) -> Row:
-    """One seed: whether there is a plan, what it takes, and its makespan; or why there is none."""
+    """Row of one seed: whether there is a plan, CPU seconds, and its makespan or the reason of failure."""
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), limits=LIMITS)
     planner = Planner(settings, Saying(proposal))
     began = time.process_time()
@@ -149,7 +152,7 @@ def planned(task: ReadTask, scene: Scene, proposal: Proposal, seed: int) -> Row:
 
 
 def summary(rows: list[Row]) -> Row:
-    """Of the seeds of a number of arms."""
+    """Summary of the seeds of a number of arms."""
     made = [row for row in rows if row["plan"]]
     said: Row = {"seeds": len(rows), "touches": rows[0]["touches"], "planned": len(made)}
     said |= {"cpu_s": round(float(np.mean([row["cpu_s"] for row in rows])), 2)}

@@ -1,15 +1,14 @@
-"""Whether commands that write leave anything behind, or anything out, when a kill hits any of their writes.
+"""Crash safety of commands that write: kills them at every write and at random moments.
 
     python benchmarks/writes.py [--commands merge,export-lerobot,...] [--every 1] [--kills 30] [--folder DIR]
 
-Merge, all exports, import, rescue, release and publish take what `benchmarks/kills.py` makes once in
-DIR/whole. Each is ended by SIGKILL just before its first write below its folder, before the second
-(`--every`: not before each), ... and at so many random moments; after every kill the same command is given
-again. A write is a file that is opened to be changed, or anything that is made, renamed or removed. Each time
-it is asked whether the kill has left the inputs as they were, and what it was to make whole or not there;
-whether the command given again ends with the bytes of one that nothing has disturbed; and whether it leaves a
-temporary file. The last line is JSON: of every command the kills that hit it at work, and how many of them
-left all of that right.
+Merge, all exports, import, rescue, release and publish take the data that `benchmarks/kills.py` makes once in
+DIR/whole. Each command is ended by SIGKILL just before its first write below its folder, before the second
+(`--every`: not before each), ... and at a number of random moments; after every kill the same command is run
+again. A write is opening a file for writing, or creating, renaming or removing anything. Checked each time:
+the kill has left the inputs unchanged and the outputs either complete or absent; the repeated command gives
+the bytes of an undisturbed one; and it leaves no temporary file. The last line is JSON: for every command the
+kills that hit it at work, and how many of them passed all of these checks.
 """
 
 import argparse
@@ -29,9 +28,9 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-HANG_S = 300  # after which a command that hangs is ended
+HANG_S = 300  # a command that takes longer is ended
 SCENES = 3  # of the experiment that kills.py makes
-CHANGED = {  # audit event -> which of its arguments are the path that changes and the folder it is in
+CHANGED = {  # audit event -> indices of its arguments with the changed path and the descriptor of its folder
     "os.mkdir": (0, 2),
     "os.rename": (1, 3),
     "os.remove": (0, 1),
@@ -47,21 +46,21 @@ Content = dict[str, str]  # path -> digest of its bytes
 
 @dataclass(frozen=True)
 class Command:
-    """A command as a function, and what it is given."""
+    """A command as a function, with its inputs and outputs."""
 
-    run: Callable[[Path], object]  # with a folder below which it writes
-    prepare: Callable[[Path], object] = lambda folder: None  # what it finds there
-    inputs: tuple[Path, ...] = ()  # that it only reads
+    run: Callable[[Path], object]  # takes the folder below which it writes
+    prepare: Callable[[Path], object] = lambda folder: None  # fills the folder beforehand
+    inputs: tuple[Path, ...] = ()  # only read
     whole: tuple[
         str, ...
-    ] = ()  # files and folders there that are as before or as they will be, never between
-    # What else is wrong with what is below the folder when the command has been killed.
+    ] = ()  # files and folders that must be in their old or their new state, never in between
+    # Further defects of the folder after a kill, in words; empty for none.
     torn: Callable[[Path], str] = lambda folder: ""
 
 
 @dataclass
 class Trials:
-    """What became of the kills of one command."""
+    """Results of the kills of one command."""
 
     kills: int = 0
     writes: int = 0
@@ -75,10 +74,10 @@ class Trials:
 def in_child(
     job: Callable[[], object], below: Path, dies_at: int = 0, dies_after_s: float = 0.0
 ) -> int | None:
-    """How many writes below a folder a job makes, in a forked child; None where it is killed before it ends.
+    """Runs a job in a forked child; returns the number of its writes below a folder, None if it was killed.
 
-    That is just before one of these writes, the first is 1, or after so many seconds. What it raises is said,
-    and counts as an end.
+    It is killed just before write number `dies_at`, the first being 1, or after `dies_after_s`. An exception
+    is printed and counts as an end.
     """
     read, write = os.pipe()
     pid = os.fork()
@@ -94,7 +93,7 @@ def in_child(
 
         try:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-            os.fsync = lambda _: None  # what the system has taken outlives a kill: no need to wait for a disk
+            os.fsync = lambda _: None  # data in the page cache survives a kill: no need to wait for a disk
             signal.alarm(HANG_S)
             sys.addaudithook(count)
             job()
@@ -114,7 +113,7 @@ def in_child(
 
 
 def writes_below(below: str, event: str, args: tuple[Any, ...]) -> bool:
-    """Whether what Python is about to do changes something below a folder."""
+    """Whether an audit event of Python is a change below a folder."""
     if event == "open":
         path, _, flags = args
         return isinstance(flags, int) and bool(flags & FOR_WRITING) and str(path).startswith(below)
@@ -128,7 +127,7 @@ def writes_below(below: str, event: str, args: tuple[Any, ...]) -> bool:
 
 
 def content(folder: Path) -> Content:
-    """All that lies below a folder, but the files of locks, which say who held them."""
+    """The content of a folder without lock files, which contain their holders."""
     found: Content = {}
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
@@ -140,14 +139,14 @@ def content(folder: Path) -> Content:
 
 
 def of(found: Content, name: str) -> Content:
-    """What lies in a file or a folder."""
+    """The part of a content that is a file or lies in a folder."""
     return {path: digest for path, digest in found.items() if path == name or path.startswith(f"{name}/")}
 
 
 def killed(
     command: Command, folder: Path, every: int = 1, last: int | None = None, moments: int = 0, seed: int = 0
 ) -> Trials:
-    """Kills a command before every so many of its writes, the last or all of them, and at random moments."""
+    """Kills a command before every `every`-th of its `last` (default: all) writes, and at random moments."""
     rng, trials = np.random.default_rng(seed), Trials()
     inputs = [content(path) for path in command.inputs]
     before, whole = content(_fresh(command, folder / "killed")), _fresh(command, folder / "whole")
@@ -163,7 +162,7 @@ def killed(
     for way in ways:
         out = _fresh(command, folder / "killed")
         if in_child(lambda out=out: command.run(out), out, **way) is not None:
-            continue  # it was faster this time
+            continue  # it ended before the kill
         trials.kills += 1
         found, wrong = content(out), command.torn(out)
         for name in command.whole:
@@ -181,7 +180,7 @@ def killed(
 
 
 def _fresh(command: Command, folder: Path) -> Path:
-    while folder.exists():  # where a child of the one that was killed still writes
+    while folder.exists():  # a child of the killed process may still write
         shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     command.prepare(folder)
@@ -189,7 +188,7 @@ def _fresh(command: Command, folder: Path) -> Path:
 
 
 def commands(made: Path, folder: Path) -> dict[str, Command]:
-    """All commands that write, of what `benchmarks/kills.py` has made, with their inputs in `folder`."""
+    """All commands that write, on data of `benchmarks/kills.py` in `made`, with their inputs in `folder`."""
     from rf_exp.ablation import PUBLISHED
     from rf_exp.data.__main__ import FORMATS, export, merge_stores
     from rf_exp.data.importing import import_demonstrations
@@ -260,7 +259,7 @@ def commands(made: Path, folder: Path) -> dict[str, Command]:
 
 
 def _part(store: Path, to: Path, episodes: Sequence[int]) -> Path:
-    """Some episodes of a store as one of its own."""
+    """Copies some episodes of a store to a new store."""
     from rf_exp.store import Store, empty_like
 
     source = Store.open(store)

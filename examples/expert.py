@@ -1,9 +1,9 @@
-"""The expert drives the environment: its commands, planned beforehand, step by step through Gymnasium.
+"""Replays episodes of the expert in the Gymnasium environment, command by command.
 
     python examples/expert.py [--task lift_barrier] [--episodes 3]
 
-The same seed is the same scene, and the same commands are the same episode: it ends in success as it did
-when the expert made it.
+The same seed gives the same scene, and the same commands give the same episode, so each replay succeeds as
+the expert's episode did.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""A short training with PPO of stable-baselines3, for one controller of all arms.
+"""A short PPO training with stable-baselines3, with one controller for all arms.
 
     pip install stable-baselines3    # in an environment that has rf_exp
     python examples/ppo.py [--task pick_meat] [--steps 4096] [--envs 2]
 
-It shows how things fit together. The reward is sparse: minutes of PPO from nothing do not reach it.
+It shows how the parts fit together. The reward is sparse: minutes of PPO from scratch do not reach it.
 """
 
 import argparse
@@ -22,7 +22,7 @@ except ModuleNotFoundError as error:
 
 
 def unit(env: gymnasium.Env) -> gymnasium.Env:
-    """Actions in [-1, 1], as PPO begins with them: stretched over the range of every joint."""
+    """Rescales actions in [-1, 1], where PPO starts, to the range of every joint."""
     return gymnasium.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
 
 

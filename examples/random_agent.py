@@ -1,8 +1,9 @@
-"""Agents that act at random, one for each arm: how PettingZoo's face is used.
+"""Random agents, one per arm: how to use the PettingZoo environment.
 
     python examples/random_agent.py [--task lift_barrier] [--episodes 3] [--steps 100]
 
-Absolute joint targets drawn from all that is possible would throw the arms about; these walk at random.
+Absolute joint targets sampled from the whole action space would throw the arms about; these follow a random
+walk.
 """
 
 import argparse

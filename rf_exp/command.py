@@ -1,4 +1,4 @@
-"""What all commands of the suite share: their configuration, and how they end, whatever ends them."""
+"""Common frame of all commands: composing their configuration, exit codes, and messages about errors."""
 
 import functools
 import os
@@ -29,22 +29,22 @@ from rf_exp.progress import complaints
 from rf_exp.secrets import refuse_keys
 from rf_exp.texts import LONGEST_ERROR, one_line, shown
 
-FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
-SPARE_BYTES = 2**24  # given up where memory has run out, so that this can still be said
+FULL = "HYDRA_FULL_ERROR"  # set to 1 by users to see tracebacks
+SPARE_BYTES = 2**24  # reserved, and freed when memory runs out, so that the error can still be reported
 WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
-OUT_OF_MEMORY = (  # parts of what libraries and the system say then
+OUT_OF_MEMORY = (  # parts of the messages of libraries and the system
     *("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory"),
     *("OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc"),
     *("failed to map segment from shared object", "can't start new thread"),
 )
-# Before Hydra makes the folder of its records.
+# `out` is checked before Hydra makes the folder of its logs.
 OmegaConf.register_new_resolver("folder", checked_folder, replace=True)
 OmegaConf.register_new_resolver("file_name", lambda choice: PurePosixPath(choice).name, replace=True)
 OmegaConf.register_new_resolver("keys_told", keys_told, replace=True)
 
 
 def register_all_tasks() -> None:
-    """Makes `task=all` mean every file in conf/task, so that a new task edits no list, and families tasks."""
+    """Registers `task=all` as all files of conf/task, so that no list is edited, and families as tasks."""
     store = ConfigStore.instance()
     names = sorted(path.stem for path in (CONF / "task").glob("*.yaml"))
     store.store(group="task", name="all", node={"defaults": names})
@@ -53,17 +53,17 @@ def register_all_tasks() -> None:
 
 
 class _Told(KeyboardInterrupt):
-    """A signal, its argument, that ends the command."""
+    """Raised on a signal (its argument) that ends the command."""
 
 
 def guarded(job: Callable[[], None]) -> int:
-    """Runs `job`; its exit code: 0 done, 1 a stage failed, 2 a wrong argument, 130 Ctrl-C, 143 SIGTERM.
+    """Runs `job`; exit code: 0 done, 1 a stage failed, 2 a wrong argument, 130 Ctrl-C, 143 SIGTERM.
 
-    Every error is a line. HYDRA_FULL_ERROR=1 shows the traceback as well.
+    Prints an error as one line. HYDRA_FULL_ERROR=1 shows the traceback as well.
     """
     full = os.environ.get(FULL)
     spare = bytearray(SPARE_BYTES)
-    # Hydra would print every error itself and exit with 1; this lets them through to here.
+    # Otherwise Hydra would print every error itself and exit with 1.
     os.environ[FULL] = "1"
     try:
         with _told():
@@ -71,7 +71,7 @@ def guarded(job: Callable[[], None]) -> int:
             sys.argv[1:] = _without_release(sys.argv[1:])
             try:
                 job()
-            finally:  # Hydra leaves by SystemExit where it has shown its help
+            finally:  # Hydra raises SystemExit after --help
                 sys.stdout.flush()
     except _Told as told:
         (number,) = told.args
@@ -81,7 +81,7 @@ def guarded(job: Callable[[], None]) -> int:
         complaints.print("interrupted; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGINT
     except BrokenPipeError:  # as in `rf-exp --help | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # where Python will flush the rest to
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the rest there
         complaints.print("ended: nobody reads the output; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGPIPE
     except Exception as error:
@@ -109,9 +109,10 @@ def _without_release(arguments: list[str]) -> list[str]:
 def settled(config: DictConfig) -> dict[str, Any]:
     """The composed configuration as plain values.
 
-    Raises ArgumentError for a task whose words stand elsewhere, as in the environment: others read them.
+    Raises ArgumentError for a task whose texts are interpolated, for example from the environment: they are
+    published.
     """
-    from rf_exp.tasks import check_words  # with all that things are made of, which help does without
+    from rf_exp.tasks import check_words  # also imports the objects, which --help does not need
 
     if isinstance(tasks := config.get("task"), DictConfig):
         for name, task in tasks.items_ex(resolve=False):
@@ -121,7 +122,7 @@ def settled(config: DictConfig) -> dict[str, Any]:
 
 
 def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
-    """Of a command's main function: Hydra composes its configuration, of `conf/` and of the command line."""
+    """Decorator of a command's main function: Hydra composes its configuration from `conf/` and arguments."""
 
     def decorate(main: Callable[[DictConfig], None]) -> Callable[[], None]:
         by_hydra = hydra.main(version_base="1.3", config_path=str(CONF), config_name=config_name)
@@ -132,7 +133,7 @@ def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Calla
             sys.argv[1:] = arranged(sys.argv[1:])
             try:
                 by_hydra(explained(main))()
-            except OSError as error:  # not of the job: Hydra makes its folder
+            except OSError as error:  # from Hydra, which makes its folder, not from the job
                 if error.filename is None or disk_full(error):
                     raise
                 why = f"cannot make {error.filename}: {error.strerror}; choose another folder with out=FOLDER"
@@ -144,7 +145,7 @@ def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Calla
 
 
 def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]:
-    """For the function below `hydra.main`: what it did not expect becomes a StageError and a file.
+    """Decorator of the function below `hydra.main`: turns unexpected errors into a StageError and a log file.
 
     A job that a launcher has put into a process of its own ends with the command.
     """
@@ -154,7 +155,7 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
         end_with_parent()
         try:
             if (policy := config.get("policy")) is not None:
-                from rf_exp.policy import import_code  # without torch, unless that module wants it
+                from rf_exp.policy import import_code  # imports torch only if that module does
 
                 import_code(policy)
             refuse_unknown_keys(config)
@@ -168,7 +169,7 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
 
 
 def _line(error: Exception) -> tuple[int, str]:
-    """Exit code and last line for an error that has come up to the command."""
+    """Exit code and last line of output for an error that reached the command."""
     if isinstance(error, WRONG):
         return 2, f"wrong argument: {_in_other_words(error)}"
     if isinstance(error, MarkedYAMLError) and (mark := error.problem_mark) is not None:
@@ -183,27 +184,27 @@ def _line(error: Exception) -> tuple[int, str]:
 
 
 def _in_other_words(error: Exception) -> str:
-    """What is said of a wrong argument; where those of Hydra and OmegaConf lead astray, in words of ours."""
-    if found := re.match(r"Could not override '([^']+)'", str(error)):  # a key is not there
+    """The message about a wrong argument; replaces messages of Hydra and OmegaConf that mislead."""
+    if found := re.match(r"Could not override '([^']+)'", str(error)):  # unknown key
         return not_among_files(found[1])
     if "interpolation '${variation}'" in str(error):
         return "variation is no single name; say one of conf/variation, or -m variation=ONE,OTHER: a job each"
     if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
         return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
-    if found := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a folder of its group
+    if found := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a subfolder of its group
         group, name = found.groups()
         paths = (path.relative_to(CONF).with_suffix("") for path in (CONF / group).glob(f"*/{name}.yaml"))
         if meant := [f"{group}={path.relative_to(group).as_posix()}" for path in paths]:
             return f"there is no {group}={name}; did you mean {' or '.join(sorted(meant))}?"
     if not isinstance(error, OmegaConfBaseException):
         return str(error)
-    said = _first_line(error)  # where it stands comes in lines of their own
+    said = _first_line(error)  # further lines hold the location
     ours = re.match(r"ArgumentError raised while resolving interpolation: (.+)", said)
     return ours[1] if ours else f"{error.full_key}: {said}" if error.full_key else said
 
 
 def _unexpected(error: Exception, folder: Path) -> StageError:
-    """One line for an error that nobody foresaw; its traceback is in a file."""
+    """One line for an unexpected error, whose traceback is written to a file."""
     if isinstance(error, MemoryError) or any(each in str(error) for each in OUT_OF_MEMORY):
         return StageError(
             f"memory ran out ({_first_line(error)}); fewer workers, smaller pictures or a smaller "
@@ -230,14 +231,14 @@ def _first_line(error: Exception) -> str:
 
 @contextmanager
 def _told() -> Iterator[None]:
-    """Within, SIGTERM and SIGHUP end the command as Ctrl-C does; the second one at once."""
+    """Context in which SIGTERM and SIGHUP end the command as Ctrl-C does, a second signal at once."""
 
     def tell(number: int, _: object) -> None:
         signal.signal(number, signal.SIG_DFL)
         raise _Told(signal.Signals(number))
 
     both = signal.SIGTERM, signal.SIGHUP
-    numbers = [number for number in both if signal.getsignal(number) is signal.SIG_DFL]  # not so below nohup
+    numbers = [number for number in both if signal.getsignal(number) is signal.SIG_DFL]  # not below nohup
     for number in numbers:
         signal.signal(number, tell)
     try:

@@ -1,7 +1,7 @@
-"""`python -m rf_exp.doctor`: what this machine can do, and how to mend what it cannot.
+"""`python -m rf_exp.doctor`: what this machine can do, and how to fix what it cannot.
 
-One line a check. Exit code 0 only if the main job (`python -m rf_exp.run`) can run here. Needs
-nothing but the standard library, so that it can also speak where nothing is installed yet.
+Prints one line per check. Exit code 0 only if the main job (`python -m rf_exp.run`) can run here.
+Needs only the standard library, so that it also works where nothing is installed yet.
 """
 
 import argparse
@@ -19,32 +19,32 @@ from typing import Any, Literal
 from rf_exp.installed import CHECKED_OUT
 from rf_exp.texts import shown
 
-# Not `make setup`: that one trusts its stamp.
+# Not `make setup`, which does nothing while its stamp file is current.
 SET_UP = "scripts/setup.sh" if CHECKED_OUT else "pip install --force-reinstall and rf_exp's wheel"
 HEADLESS = "pip uninstall -y opencv-python; pip install --force-reinstall --no-deps opencv-python-headless"
-# What pip does not do by itself; the set-up does.
+# Fixes that pip does not make by itself; the set-up script does.
 BY_HAND = {} if CHECKED_OUT else {"cv2": HEADLESS, "pinocchio": "apt-get install libgomp1"}
 PYTHONS = ((3, 11), (3, 12))
-# Those with native code, where installed does not yet mean that it can be imported. Torch is the last:
-# it brings libraries along (libgomp) that the others would then seem to have.
+# Modules with native code, whose import may fail although they are installed. Torch is the last: it loads
+# libraries (libgomp) whose absence would otherwise go unnoticed in the others.
 MODULES = ("pinocchio", "coal", "numpy", "cv2", "toppra", "sapien", "rerun", "mani_skill", "torch")
 IMPORT_TIMEOUT_S = 300.0
 LISTED = 4  # problems named on one line
-RECIPE = "++recipe=fast"  # which Hydra names in a run
-QUICK_GB, PAPER_GB = 1.0, 10.0  # free space: the main job; one task with profile=paper
+RECIPE = "++recipe=fast"  # in a run it comes from Hydra's runtime choices
+QUICK_GB, PAPER_GB = 1.0, 10.0  # free disk space for the main job, and for one task with profile=paper
 
 State = Literal["ok", "note", "missing"]
 
 
 @dataclass(frozen=True)
 class Check:
-    """The answer to one question. Only `missing` keeps the main job from running."""
+    """The result of one check. Only state `missing` keeps the main job from running."""
 
     name: str
     state: State
     found: str
-    costs: str = ""  # what cannot be done, or only slowly
-    mend: str = ""  # the command
+    costs: str = ""  # what does not work, or only slowly
+    mend: str = ""  # the command that fixes it
 
     def __str__(self) -> str:
         parts = [self.found]
@@ -54,7 +54,7 @@ class Check:
 
 
 def python() -> Check:
-    """The interpreter that runs this."""
+    """Checks the version of the running interpreter."""
     version = sys.version.split()[0]
     where = f"{version} at {sys.executable}"
     if sys.version_info[:2] in PYTHONS:
@@ -64,7 +64,7 @@ def python() -> Check:
 
 
 def packages(distribution: str = "rf_exp") -> Check:
-    """Whether everything that `distribution` requires is installed, in a version it accepts."""
+    """Checks that everything that `distribution` requires is installed, in a version it accepts."""
     try:
         required = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:
@@ -83,7 +83,7 @@ def packages(distribution: str = "rf_exp") -> Check:
 
 
 def _unmet(requirement: str) -> str:
-    """What is wrong with one requirement, or nothing. Understands `name>=1.2,<3` and `==`."""
+    """What is wrong with one requirement; empty if it is met. Parses `name>=1.2,<3` and `==`."""
     match = re.match(r"([A-Za-z0-9._-]+)(?:\[[^]]*])?\s*([^;]*)", requirement)
     if match is None:
         return f"{requirement} (not understood)"
@@ -107,7 +107,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def imports(modules: Iterable[str] = MODULES) -> tuple[Check, Check]:
-    """The checks `imports`, in a process of its own, and `gpu`; a module that ends the process is named."""
+    """The checks `imports`, in a child process, and `gpu`; names a module that ends the process."""
     wanted = tuple(modules)
     code = (
         "import importlib, sys\n"
@@ -154,7 +154,7 @@ def _gpu(names: list[str]) -> Check:
 
 
 def vulkan() -> Check:
-    """Draw a picture with SAPIEN."""
+    """Renders a picture with SAPIEN."""
     try:
         from rf_exp.sim import COSTS, render_probe
     except ImportError as error:
@@ -166,7 +166,7 @@ def vulkan() -> Check:
 
 
 def disk(out: Path = Path("outputs")) -> Check:
-    """Room for results where they are written."""
+    """Checks free disk space and write access where results are written."""
     folder, refusal = _written(out)
     if refusal:
         return Check("disk", "missing", refusal, "all results", "choose another: out=FOLDER")
@@ -182,16 +182,16 @@ def disk(out: Path = Path("outputs")) -> Check:
 
 
 def _written(folder: Path) -> tuple[Path, str]:
-    """The first folder above that is there, and why nothing can be written into it."""
+    """The nearest existing folder at or above `folder`, and why it cannot be written to; empty if it can."""
     folder = folder.absolute()
-    while not os.path.exists(folder):  # False too where it may not be looked at
+    while not os.path.exists(folder):  # also False without permission to look
         folder = folder.parent
     writable = folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
     return folder, "" if writable else f"{folder} cannot be written to"
 
 
 def cache() -> Check:
-    """The robot's light meshes, which every simulation loads: made, or that they can be."""
+    """Checks that the robot's decimated meshes, which every simulation loads, are cached or can be made."""
     costs, mend = "every simulation", "set XDG_CACHE_HOME to a writable folder"
     try:
         from rf_exp.errors import StageError
@@ -211,7 +211,7 @@ def cache() -> Check:
 
 
 def configuration() -> Check:
-    """Whether all files of the default configuration are there, and are those of this version."""
+    """Checks that all files of the default configuration exist and belong to this version."""
     costs, mend = "every command", f"install rf_exp again: {SET_UP}, or its wheel with pip --force-reinstall"
     try:
         from rf_exp.experiment import read_experiment
@@ -219,7 +219,7 @@ def configuration() -> Check:
         experiment = read_experiment(_composed([RECIPE]))
     except ImportError as error:
         return Check("config", "missing", f"not tried: {error}", costs, SET_UP)
-    except Exception as error:  # whatever the files of others lead to
+    except Exception as error:  # files of another version may cause any error
         what = f"no key {error} in it" if isinstance(error, KeyError) else " ".join(str(error).split())
         return Check("config", "missing", what or type(error).__name__, costs, mend)
     return Check("config", "ok", f"the default is {', '.join(task.name for task in experiment.tasks)}")
@@ -237,7 +237,7 @@ def _composed(overrides: list[str]) -> Any:
 
 
 def brain(overrides: list[str]) -> Check:
-    """Whether the model's server that `brain=openai` and its options name holds answers to a schema."""
+    """Checks whether the model server of `brain=openai` and its options enforces a schema on answers."""
     try:
         from rf_exp.command import WRONG
         from rf_exp.datagen.brain import OpenAISpec, probe, read_brain
@@ -268,7 +268,7 @@ def brain(overrides: list[str]) -> Check:
 
 
 def examine(out: Path, overrides: list[str]) -> Iterator[Check]:
-    """All checks, each as soon as it is known; of the brain where something was said of one."""
+    """Yields every check as soon as it is done; that of the brain only with `overrides`."""
     yield python()
     yield packages()
     yield from imports()
@@ -281,7 +281,7 @@ def examine(out: Path, overrides: list[str]) -> Iterator[Check]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print a line a check; returns the exit code."""
+    """Prints one line per check and returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m rf_exp.doctor", description=__doc__)
     where = "where results go (default: outputs)"
     parser.add_argument("--out", type=Path, default=Path("outputs"), help=where)

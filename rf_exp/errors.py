@@ -1,4 +1,4 @@
-"""Errors a person can act on: what was wrong, what was found, what is possible."""
+"""Errors that users can act on: what was wrong, what was found, what is possible."""
 
 import errno
 import pickle
@@ -13,9 +13,9 @@ REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
 class RfError(Exception):
-    """Base of every error this project raises on purpose. Its text is shown without a traceback.
+    """Base class of every error that this project raises on purpose; shown without a traceback.
 
-    It is one line, whatever others have said that is repeated in it: see `rf_exp.texts`.
+    Its text is one line, also where it quotes text from outside: see `rf_exp.texts`.
     """
 
     def __init__(self, *told: object) -> None:
@@ -31,17 +31,17 @@ class StageError(RfError):
 
 
 class WorkerDied(StageError):
-    """A process died with its job under way; the same job may do well in another one."""
+    """A worker process died during its job; the same job may succeed in another process."""
 
 
 def choices(what: str, got: object, available: object) -> ArgumentError:
-    """The error for a name that does not exist: names what does."""
+    """The error for an unknown name; lists the available ones."""
     listed = ", ".join(sorted(str(name) for name in available))  # pyright: ignore[reportGeneralTypeIssues]
     return ArgumentError(f"unknown {what} {got!r}; available: {listed}")
 
 
 def refuse_access(path: Path, error: Exception) -> None:
-    """Raises StageError where it is the system that does not let something be read."""
+    """Raises StageError if the system (permissions, limits, memory) keeps `path` from being read."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
         why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
         raise StageError(
@@ -52,7 +52,7 @@ def refuse_access(path: Path, error: Exception) -> None:
 
 @contextmanager
 def about(what: str) -> Iterator[None]:
-    """Says what an error from within is about."""
+    """Context that puts `what` in front of the message of an RfError."""
     try:
         yield
     except RfError as error:
@@ -61,12 +61,12 @@ def about(what: str) -> Iterator[None]:
 
 
 def portable(error: Exception) -> Exception:
-    """The error of a worker with its traceback as a note, in a form that can be pickled."""
+    """The error of a worker in a form that can be pickled, with its traceback as a note."""
     told = "".join(traceback.format_exception(error))
     try:
         error.add_note(f"in a worker:\n{told}")
         return pickle.loads(pickle.dumps(error))
-    except Exception:  # whatever its class does when it is made again
+    except Exception:  # unpickling may raise anything
         stand_in = RuntimeError(f"{type(error).__name__}: {error}")
         stand_in.add_note(f"in a worker:\n{told}")
         return stand_in

@@ -1,4 +1,4 @@
-"""An experiment as plain, checked values: what `conf/` says, before any work begins."""
+"""Experiment: the configuration of `conf/` as plain values, checked before any work begins."""
 
 import math
 import re
@@ -23,15 +23,15 @@ STAGES = ("generate", "train", "evaluate", "report")
 _FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
 CORRECTION_SEED = 900_000  # first scene seed of the rollouts that the expert corrects
-CORRECTION_SEEDS = 10_000  # for each round of them
+CORRECTION_SEEDS = 10_000  # seeds per round of correction
 
 
 @dataclass(frozen=True)
 class Dagger:
-    """The expert goes on where policies have failed, and they learn from that too (Ross et al. 2011)."""
+    """DAgger: the expert continues failed rollouts, and policies learn from that too (Ross et al. 2011)."""
 
     rounds: int
-    rollouts: int  # of the policies of the round before, all of which count
+    rollouts: int  # per round, by the policies of the round before; successful ones count too
 
     def __post_init__(self) -> None:
         for name, low, high in (("rounds", 0, 9), ("rollouts", 1, CORRECTION_SEEDS)):
@@ -73,11 +73,11 @@ class Experiment:
     dagger: Dagger
     wandb: Literal["online", "offline", "disabled"]
     scenes: int
-    first_scene: int  # seed
+    first_scene: int  # scene seed
     shield: bool
     foreign: Foreign | None
-    appearances: int  # of each demonstration that policies learn from
-    evaluated: Variation  # of the scenes of evaluation; tasks have that of the demonstrations
+    appearances: int  # copies of each demonstration for training, under different appearances
+    evaluated: Variation  # of the scenes of evaluation; `tasks` have that of the demonstrations
 
     def __post_init__(self) -> None:
         for key in ("name", "recipe", "learned_as"):
@@ -152,27 +152,27 @@ class Experiment:
 
     @property
     def evaluation_seeds(self) -> range:
-        """The scenes in which policies act."""
+        """The scene seeds of evaluation."""
         return range(self.first_scene, self.first_scene + self.scenes)
 
     @property
     def learned_from(self) -> int:
-        """The demonstrations behind the policies that are evaluated, as their rows say."""
+        """The number of demonstrations behind the evaluated policies, as in their rows."""
         return self.demos if self.foreign is None else self.foreign.demos
 
     @property
     def method(self) -> str:
-        """How policies are learned, as in names and rows: recipe, variation, rounds of correction."""
+        """The training method, as in names and rows: recipe, variation, rounds of correction."""
         return self.recipe + self._varied + self._rounds
 
     @property
     def policies(self) -> str:
-        """How the policies are called: by what they were learned with, from how much, by which seed."""
+        """The name of the policies: method (`learned_as`), number of demonstrations, training seed."""
         return f"{self.learned_as}{self._varied}{self._rounds}-{self.demos}-{self.train_seed}"
 
     @property
     def data(self) -> str:
-        """How the demonstrations are called."""
+        """The name of the demonstrations."""
         return self.name + self._variation
 
     @property
@@ -189,7 +189,7 @@ class Experiment:
         return f"+dagger{self.dagger.rounds}" if self.dagger.rounds else ""
 
     def after(self, rounds: int) -> "Experiment":
-        """The same experiment, of which so many rounds of correction are over."""
+        """The same experiment after `rounds` rounds of correction."""
         return replace(self, dagger=replace(self.dagger, rounds=rounds))
 
     def _check_recordings(self) -> None:
@@ -209,13 +209,13 @@ class Experiment:
                 )
 
     def recorded(self, stage: Literal["generate", "evaluate"], first: Sequence[int]) -> tuple[int, ...]:
-        """The seeds of a stage that are recorded: those that were named, or as many of `first` as wanted."""
+        """The seeds of a stage that are recorded: those listed, or the first `recordings` of `first`."""
         if isinstance(self.recordings, int):
             return tuple(first[: self.recordings])
         return tuple(seed for seed in self.recordings if (seed < EVALUATION_SEED) == (stage == "generate"))
 
     def settings(self, task: Task, constraint_set: ConstraintSet) -> "Settings":
-        """What decides the episodes of a task under a row of constraints."""
+        """The settings of the episodes of a task under a row of constraints."""
         from rf_exp.datagen import Settings
 
         how = self.limits, self.attempts, self.occupancy, self.disturbance_rad, self.delay_s
@@ -223,7 +223,7 @@ class Experiment:
 
 
 def check_file_name(key: str, value: str) -> None:
-    """Raises ArgumentError for what is no name of one file or folder, such as a path out of `out`."""
+    """Raises ArgumentError unless `value` can name one file or folder; a path could lead out of `out`."""
     if not _FILE_NAME.fullmatch(value):
         raise ArgumentError(
             f"{key} is {value!r}; expected a name for a file: letters, digits, '_', '-', '+', '=' and '.', "
@@ -232,9 +232,9 @@ def check_file_name(key: str, value: str) -> None:
 
 
 def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Experiment:
-    """The experiment in a resolved configuration. Raises ArgumentError that names the key.
+    """The experiment of a resolved configuration. Raises ArgumentError that names the key.
 
-    `given` is what the person said: of the overrides `key=value` that led to the configuration.
+    `given` are the user's overrides `key=value`.
     """
     for group, all_of_it in (("task", True), ("constraints", True), ("arch", True), ("brain", False)):
         if not node.get(group):
@@ -246,18 +246,18 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
     foreign = foreign_policy(node["foreign"], picture)
     try:
         taken = {**picture, "render": node["render"], "cameras": node["cameras"]}
-        made: dict[str, Any] = {  # of several keys, or of others than their name
+        made: dict[str, Any] = {  # fields made of several keys, or of keys with another name
             "tasks": (),
             "constraint_sets": tuple(ConstraintSet(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
             "out": Path(checked_folder(node["out"])),
             "pictures": read_values(Pictures, taken, "picture."),
-            "policy": read_recipe(node["policy"], picture),  # a policy sees what the cameras take
+            "policy": read_recipe(node["policy"], picture),  # policies see the cameras' pictures
             "foreign": foreign,
             "evaluated": read_values(Variation, node["evaluated"], "evaluated.").held_out,
         }
-        if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
+        if foreign is not None:  # its rows name it in place of our recipe and architecture
             made |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
         plain = {each.name: node[each.name] for each in fields(Experiment) if each.name not in made}
         experiment = read_values(Experiment, plain | made)
@@ -266,7 +266,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
         borrowed = Borrowed(**{each.name: node[each.name] for each in fields(Borrowed)})
         drawn, variation = node["randomisation"], read_values(Variation, node["variation"], "variation.")
         of_all, tasks = (node["arms"], node["things"], node["robot"], borrowed), []
-        for name, task in node["task"].items():  # last: their things take longer to build than all the rest
+        for name, task in node["task"].items():  # last: building their objects takes longer than the rest
             own = {**task, "randomisation": drawn | task.get("randomisation", {})}
             tasks.append(replace(load_task(name, own, *of_all), variation=variation))
         experiment = replace(experiment, tasks=tuple(tasks))
@@ -279,7 +279,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
 
 
 def _refuse_demos_without_effect(experiment: Experiment) -> None:
-    """Where the seeds to try are counted, `demos` is for training alone, and must be among them."""
+    """Raises ArgumentError where `episodes` is given and `demos` is not trained on, or exceeds it."""
     both = f"episodes={experiment.episodes} demos={experiment.demos}"
     if experiment.episodes is None or "generate" not in experiment.stages:
         return

@@ -1,8 +1,8 @@
-"""Work in child processes: results in order, a time limit for each job, and no child outlives its parent.
+"""Process pool: results in order, a time limit for each job, and no child outlives its parent.
 
-Every child has a pipe of its own. A queue that children share, as the executors of the standard library
-and joblib have it, stays locked for all when the child that holds its lock is stopped or killed. A child that
-has nothing more to do waits for the next jobs of its parent: to start one costs ten seconds of imports.
+Every child has a pipe of its own: a queue shared by the children, as in the executors of the standard library
+and joblib, stays locked for all when the child that holds its lock is stopped or killed. Idle children are
+kept for the next jobs of their parent, because starting one costs ten seconds of imports.
 """
 
 import ctypes
@@ -24,9 +24,9 @@ from typing import Any, NamedTuple
 
 from rf_exp.errors import WorkerDied, portable
 
-AHEAD = 4  # results for each worker that may wait for an earlier one: a bound on memory
+AHEAD = 4  # results per worker that may wait for an earlier one; bounds the memory
 LOOK_EVERY_S = 0.5
-# Variables that change under way and mean nothing to a job: where logs are sent to, and which test asks.
+# Environment variables that change during a run and do not affect a job: log service, current test.
 PASSING = frozenset({"WANDB_SERVICE", "PYTEST_CURRENT_TEST"})
 SHELL_SIGNAL = 128  # a shell reports death by signal n as exit code 128 + n
 
@@ -37,7 +37,7 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class Timeout:
-    """In the place of a result: the job took longer than it may, so its process was killed."""
+    """Takes the place of a result: the job exceeded its time limit, so its process was killed."""
 
     limit_s: float
     state: str  # of the process at that moment
@@ -53,14 +53,14 @@ def in_order(
     grace_s: float = 0.0,
     meanwhile: Callable[[], None] | None = None,
 ) -> Iterator[Any]:
-    """Results of the jobs, in their order, by `workers` processes that each do one job after the other.
+    """Yields the results of the jobs in their order, computed by `workers` processes, one job at a time each.
 
-    A job that takes longer than `limit_s` is killed and yields a Timeout; the others go on. `meanwhile`
-    is called a few times a second. Children end with this process, whatever ends it; a caller that stops
-    early, or an error, ends those at work after a SIGTERM and at most `grace_s`. One worker without a limit
-    and without `meanwhile` is this process itself.
+    A job that takes longer than `limit_s` is killed and yields a Timeout; the others continue. `meanwhile`
+    is called a few times a second. Children end with this process, whatever ends it. If the caller stops
+    early or an error occurs, busy children get a SIGTERM and are killed after at most `grace_s`. With one
+    worker, no limit and no `meanwhile`, the jobs run in this process.
 
-    Raises what a job raises, and WorkerDied when a child dies with its job under way.
+    Raises what a job raises, and WorkerDied when a child dies during its job.
     """
     if workers == 1 and limit_s is None and meanwhile is None:
         yield from (job() for job in jobs)
@@ -88,12 +88,12 @@ def in_order(
 
 
 class _Team:
-    """At most `workers` children, and what they have finished."""
+    """At most `workers` children, and the results that they have finished."""
 
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self._limit_s = workers, limit_s
         self._answers: SimpleQueue[_Answer] = SimpleQueue()
-        # What a child takes over when it is born: in other surroundings its jobs might come out otherwise.
+        # What a child inherits at its start. It is reused only where that is the same, or results may differ.
         lasting = sorted((name, value) for name, value in os.environ.items() if name not in PASSING)
         self._born = workers > 1, os.getcwd(), tuple(sys.path), tuple(lasting)
         fit = [child for child in _idle if child.born == self._born and child.process.is_alive()][:workers]
@@ -108,20 +108,20 @@ class _Team:
 
     @property
     def has_room(self) -> bool:
-        """Whether somebody has nothing to do, or could be employed."""
+        """Whether a child is idle, or another one may be started."""
         return sum(child.busy for child in self._children) < self._workers
 
     def give(self, number: int, job: Callable[[], Any]) -> None:
-        """A job to whom has nothing to do."""
+        """Gives a job to an idle child, or to a new one."""
         idle = next((child for child in self._children if not child.busy), None)
         if idle is None:
             self._children.append(idle := _Child(self._answers, self._born))
         idle.give(number, job, self._limit_s)
 
     def hear(self, often: bool) -> None:
-        """Wait for an answer, for a while: then whoever has run out of time is killed."""
+        """Waits for an answer; if none comes in time, kills the children past their deadline."""
         left = min(child.deadline for child in self._children) - time.monotonic()
-        seconds = min(left, LOOK_EVERY_S if often else 3600.0)  # a queue takes no infinity
+        seconds = min(left, LOOK_EVERY_S if often else 3600.0)  # a queue takes no infinite timeout
         try:
             answer = self._answers.get(timeout=max(seconds, 0.0))
         except Empty:
@@ -131,7 +131,7 @@ class _Team:
                 child.kill()
             return
         if answer.child not in self._children:
-            return  # the last words of one that was killed
+            return  # from a child that was killed
         if answer.dead:
             self._children.remove(answer.child)
             if answer.child.busy:
@@ -143,7 +143,7 @@ class _Team:
             answer.child.index, answer.child.deadline = None, float("inf")
 
     def end(self, grace_s: float) -> None:
-        """Ends the children at work, which may put what they have in safety first; the others wait."""
+        """Ends busy children, which have `grace_s` to save their work; idle ones are kept for later jobs."""
         busy = [child.process for child in self._children if child.busy and grace_s > 0]
         for process in busy:
             process.terminate()
@@ -157,17 +157,17 @@ class _Team:
                 _idle.append(child)
 
 
-_idle: list["_Child"] = []  # who waits for the next jobs
+_idle: list["_Child"] = []  # children kept for the next jobs
 
 
 def end_with_parent() -> None:
-    """This process, a child of multiprocessing, is killed when the one that started it ends, or now."""
+    """Has this process, a child of multiprocessing, killed when its parent ends, at once if it has ended."""
     parent = parent_process()
     if parent is None:
         return
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent.pid:  # it ended before it could be asked
+    if os.getppid() != parent.pid:  # the parent ended before prctl
         os._exit(1)
 
 
@@ -179,10 +179,10 @@ class _Answer(NamedTuple):
 
 
 class _Child:
-    """A process that does one job after the other, seen from its parent."""
+    """A worker process, seen from its parent; it runs one job at a time."""
 
     def __init__(self, answers: "SimpleQueue[_Answer]", born: tuple[bool, *tuple[object, ...]]) -> None:
-        self.index: int | None = None  # of the job under way
+        self.index: int | None = None  # of the current job
         self.deadline = float("inf")  # on the monotonic clock; infinity without a job or a limit
         self.answers, self.born = answers, born
         self._pipe, theirs = _CONTEXT.Pipe()
@@ -190,7 +190,7 @@ class _Child:
         with _birth(one_thread=born[0]):
             self.process.start()
         theirs.close()
-        # Read in a thread: a child that is stopped in the middle of an answer must not stop its parent.
+        # Read in a thread: a child that is stopped in the middle of an answer must not block its parent.
         Thread(target=self._listen, daemon=True).start()
 
     @property
@@ -200,11 +200,11 @@ class _Child:
     def give(self, index: int, job: Callable[[], Any], limit_s: float | None) -> None:
         self.index = index
         self.deadline = float("inf") if limit_s is None else time.monotonic() + limit_s
-        with suppress(OSError):  # it has died: the listener says so
+        with suppress(OSError):  # it has died; the listener reports that
             self._pipe.send_bytes(pickle.dumps(job))
 
     def state(self) -> str:
-        """running, sleeping, stopped, ... where the system tells it."""
+        """The process state from /proc: running, sleeping, stopped, ...; `gone` if it cannot be read."""
         try:
             status = Path(f"/proc/{self.process.pid}/status").read_text()
         except OSError:
@@ -212,7 +212,7 @@ class _Child:
         return status.split("State:")[1].split("(")[1].split(")")[0]
 
     def ending(self) -> str:
-        """What became of a child that died with its job under way."""
+        """The message about a child that died during its job."""
         self.process.join(5.0)
         code = self.process.exitcode or 0
         number = -code if code < 0 else code - SHELL_SIGNAL
@@ -239,21 +239,21 @@ class _Child:
                 return
             try:
                 value, error = pickle.loads(content)
-            except Exception as failure:  # whatever a class does when it is made again
+            except Exception as failure:  # unpickling may raise anything
                 value, error = None, failure
             self.answers.put(_Answer(self, value, error))
 
 
 @contextmanager
 def _birth(one_thread: bool) -> Iterator[None]:
-    """What children inherit: Ctrl-C is their parent's affair; with others beside them they keep to a core."""
-    # Without this every process starts a thread for each core.
+    """Context in which to start a child: with SIGINT blocked and, with `one_thread`, a single thread."""
+    # By default every process starts a thread for each core.
     names = ("OMP_NUM_THREADS", "LP_NUM_THREADS") if one_thread else ()
     missing = [name for name in names if name not in os.environ]
     if multiprocessing.get_start_method(True) not in (None, *multiprocessing.get_all_start_methods()):
-        # In a process of loky: children are told its method, and do not know that one.
+        # In a process of loky: children would get its start method, which they do not know.
         multiprocessing.set_start_method("spawn", force=True)
-    resource_tracker.ensure_running()  # which would start with the first child, and unblock SIGINT by that
+    resource_tracker.ensure_running()  # else it starts with the first child and unblocks SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.update(dict.fromkeys(missing, "1"))
     try:
@@ -265,7 +265,7 @@ def _birth(one_thread: bool) -> Iterator[None]:
 
 
 def _serve(pipe: Connection) -> None:
-    """In the child: does jobs until the parent has no more."""
+    """Main loop of a child: runs jobs until the parent closes the pipe."""
     end_with_parent()
     while True:
         try:
@@ -274,7 +274,7 @@ def _serve(pipe: Connection) -> None:
             return
         try:
             answer = pickle.dumps((pickle.loads(content)(), None))
-        except KeyboardInterrupt:  # how a job that was told to end says that all is in safety
+        except KeyboardInterrupt:  # from a job that has saved its work after a SIGTERM
             os._exit(SHELL_SIGNAL + signal.SIGTERM)
         except Exception as error:
             answer = pickle.dumps((None, portable(error)))

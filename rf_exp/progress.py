@@ -1,7 +1,7 @@
-"""Progress of long work: a bar on a terminal, a line now and then elsewhere.
+"""Progress display of long work: a bar on a terminal, a line now and then elsewhere.
 
-Both show how much is done, the rate and, where things can fail, the success so far. On a narrow terminal what
-is too long is cut, but never the counts and the time that is left.
+Both show how much is done, the rate and, where work can fail, the success so far. A narrow terminal cuts long
+texts, but never the counts and the remaining time.
 """
 
 import sys
@@ -23,33 +23,33 @@ BAR_WIDTH = 12  # characters: a title, counts, time and a note fit beside it int
 
 
 class Screen(Console):
-    """Where alone the suite prints: words of others are no markup there, nor orders to the terminal."""
+    """The console for all output of the suite: external text cannot be markup or control the terminal."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, soft_wrap=True, markup=False, emoji=False, **options)
 
     def print(self, *told: Any, **how: Any) -> None:
-        """As rich does; of a text that is too long its ends, before it is laid out."""
+        """Prints as rich does; cuts the middle of a text that is too long before it is laid out."""
         super().print(*(shown(each) if isinstance(each, str) else each for each in told), **how)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """As rich lays it out; of the text of others what can be shown."""
+        """Renders as rich does, and makes the text printable."""
         for part in super().render(renderable, options):
             yield part if part.control else Segment(shown(part.text), part.style)
 
 
 console = Screen()
-complaints = Screen(stderr=True)  # errors: what programs that read the output are not to see
+complaints = Screen(stderr=True)  # errors, kept apart from output that programs read
 
 
 class Progress:
-    """`with Progress("generate", 50, "episodes") as p: p.advance(note="49/50 succeeded")`."""
+    """Progress of one job: `with Progress("generate", 50, "episodes") as p: p.advance(note="49/50")`."""
 
     def __init__(self, title: str, total: int, unit: str, done: int = 0) -> None:
         self._title, self._total, self._unit = title, total, unit
         self._done = self._at_start = done
         self._began = self._said = time.perf_counter()
-        self._note, self._told = "", -1  # what was said last, so that nothing is said twice
+        self._note, self._told = "", -1  # current note; count on the last printed line
         self._bar = _bar(title, total, done) if sys.stdout.isatty() else None
 
     def __enter__(self) -> Self:
@@ -64,7 +64,7 @@ class Progress:
             self._say()
 
     def advance(self, steps: int = 1, note: str = "", total: int | None = None) -> None:
-        """Some more work is done; `note` replaces the last one, `total` what is known of the whole."""
+        """Adds finished work; `note` and `total`, where given, replace the last ones."""
         self._done += steps
         self._total = total or self._total
         self._note = note or self._note
@@ -89,7 +89,7 @@ class Progress:
 
 
 class _Shortened(TextColumn):
-    """Words on one line, whose end is cut where they would push the counts off the screen."""
+    """Text on one line, whose end is cut where it would push the counts off the screen."""
 
     def render(self, task: Task) -> Text:
         words = super().render(task)
@@ -98,7 +98,7 @@ class _Shortened(TextColumn):
 
 
 def _bar(title: str, total: int, done: int) -> Bar:
-    columns = (  # those of a table that are not wrapped are not made narrower while others can be
+    columns = (  # rich narrows no_wrap columns only after the others
         _Shortened("{task.description}", markup=False, table_column=Column()),
         BarColumn(BAR_WIDTH, table_column=Column(no_wrap=True)),
         MofNCompleteColumn(table_column=Column(no_wrap=True)),

@@ -1,12 +1,12 @@
-"""A release of somebody: policies to be evaluated, and an experiment that says how they have learned.
+"""Releases: published policies to be evaluated, with an experiment that says how they were trained.
 
     python -m rf_exp.run --config-dir FILE.zip experiment=released
     python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER
 
-A file is unpacked into a folder of its name beside it, which is `out` as well. What is in the folder is data.
-Hydra, whose files may name code to be run, never sees it: of the experiment a short list of keys is read,
-checked, and put among the person's own arguments, which come last and win.
-`scripts/release.py` writes one.
+A file is unpacked into a folder of its name beside it, which is `out` as well. The folder is treated as data:
+Hydra, whose files may name code to be run, never reads it. A short list of keys of the experiment is read,
+checked, and inserted before the user's own arguments, which take precedence.
+`scripts/release.py` writes a release.
 """
 
 import argparse
@@ -29,14 +29,14 @@ CHOICE, EXPERIMENT = "experiment", Path("experiment/released.yaml")
 NAME = EXPERIMENT.stem
 GROUPS = ("task", "constraints", "arch")
 STAGES = ("evaluate", "report")
-LARGEST = 2**16  # bytes of an experiment
-PACKED, MOST_UNPACKED = ".zip", 2**26  # a release's file, and bytes in it
-_WORD = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # a task, a set, an architecture, a recipe
+LARGEST = 2**16  # bytes of the experiment's file
+PACKED, MOST_UNPACKED = ".zip", 2**26  # suffix of a release's file; most bytes in it, unpacked
+_WORD = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # of a task, constraint set, architecture, recipe
 
 
 @dataclass(frozen=True)
 class Picture:
-    """The size in pixels that the policies look at."""
+    """The size of the policies' pictures, px."""
 
     width: int
     height: int
@@ -44,7 +44,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Released:
-    """What an experiment of a release may say, and nothing else. Raises ArgumentError for other values."""
+    """The only keys that the experiment of a release may set. Raises ArgumentError for invalid values."""
 
     defaults: tuple[Mapping[str, str], ...]
     stages: tuple[str, ...]
@@ -77,7 +77,7 @@ class Released:
 
     @property
     def overrides(self) -> list[str]:
-        """What it says, as arguments; how a training runs, which changes nothing, it does not say."""
+        """The experiment as command-line overrides, without how a training runs, which changes nothing."""
         policy = PolicyConfig.read(self.policy, asdict(self.picture)).whole
         training = TrainConfig.read(self.training)
         said = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s"
@@ -86,7 +86,7 @@ class Released:
         named |= leaves(policy, "policy")
         named |= {f"training.{key}": value for key, value in training.identity.items() if key != "seed"}
         chosen = [f"{group}={value}" for group, value in self._chosen.items()]
-        # JSON is a value in Hydra's grammar, too.
+        # JSON values are valid in Hydra's grammar.
         return chosen + [f"{k}={json.dumps(v, ensure_ascii=False)}" for k, v in plain(named).items()]
 
     @property
@@ -95,9 +95,9 @@ class Released:
 
 
 def unpacked(arguments: Sequence[str]) -> list[str]:
-    """The arguments of a command, in the place of a release those that its experiment says.
+    """The arguments of a command, a release replaced by the overrides of its experiment.
 
-    Raises ArgumentError for a release that says anything else, and where its folder is not named.
+    Raises ArgumentError for a release that sets anything else, and where its folder is not named.
     """
     if not any(_is_release(each) for each in arguments):
         return list(arguments)
@@ -125,7 +125,7 @@ def unpacked(arguments: Sequence[str]) -> list[str]:
 
 
 def unzipped(path: Path) -> Path:
-    """The folder beside a release's file into which that is unpacked; one that is there already is taken.
+    """The folder beside a release's file with its content; unpacks the file unless the folder exists.
 
     Raises ArgumentError for a file that is no ZIP archive or holds more than a release may.
     """
@@ -136,17 +136,17 @@ def unzipped(path: Path) -> Path:
         with zipfile.ZipFile(path) as packed, whole(folder) as draft:
             if (size := sum(each.file_size for each in packed.infolist())) > MOST_UNPACKED:
                 raise ArgumentError(f"{path} holds {size} bytes; a release has at most {MOST_UNPACKED}")
-            packed.extractall(draft)  # never beside it, whatever names say, and no links
+            packed.extractall(draft)  # never outside of it, whatever names say, and no links
     except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise ArgumentError(f"{path} cannot be unpacked: {error}") from error
     return folder
 
 
 def read_release(folder: Path) -> Released:
-    """What the experiment of a release says. Raises ArgumentError for anything but that."""
+    """The experiment of a release, checked. Raises ArgumentError for any other content."""
     path = folder / EXPERIMENT
     for part in (folder / "policies", folder / "results", folder / EXPERIMENT.parent):
-        for each in (part, *part.rglob("*")):  # what is read and written through links lies elsewhere
+        for each in (part, *part.rglob("*")):  # through links, files elsewhere would be read or written
             if each.is_symlink() and not each.resolve().is_relative_to(folder.resolve()):
                 raise ArgumentError(f"{each} is a link out of the release; it holds files of its own")
     try:
@@ -160,14 +160,14 @@ def read_release(folder: Path) -> Released:
         if other := [key for key in said if key not in known]:
             raise ValueError(f"it sets {other[0]!r}; a release says {', '.join(known)}, and nothing else")
         found = restored(Released, said)
-        _ = found.overrides  # raises for numbers that no policy has
+        _ = found.overrides  # raises for values that no policy can have
         return found
     except (OSError, ValueError, RecursionError, yaml.YAMLError, ArgumentError) as error:
         raise ArgumentError(f"{path} is no experiment of a release: {error}") from error
 
 
 class _Values(yaml.SafeLoader):
-    """Plain values, each written where it stands: a value of values of values would fill the memory."""
+    """YAML loader of plain values without aliases, whose expansion could fill the memory."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -176,6 +176,6 @@ class _Values(yaml.SafeLoader):
 
 
 def _is_release(argument: str) -> bool:
-    """Whether an argument names one, however it is put."""
+    """Whether an argument chooses a release, in any spelling of Hydra."""
     key, _, value = argument.partition("=")
     return key.lstrip("+~").partition("@")[0].strip("/ ") == CHOICE and NAME in re.split(r"\W+", value)

@@ -1,7 +1,7 @@
-"""What can be kept of a damaged store: its whole episodes, in a new one. The damaged one is moved aside.
+"""Rescues a damaged store: copies its intact episodes to a new store and moves the damaged one aside.
 
-python -m rf_exp.rescue outputs/data/lift_barrier/full/fast.zarr             keeps what is whole
-python -m rf_exp.rescue outputs/data/lift_barrier/full/fast.zarr --dry-run   says what that is
+python -m rf_exp.rescue outputs/data/lift_barrier/full/fast.zarr             keeps the intact episodes
+python -m rf_exp.rescue outputs/data/lift_barrier/full/fast.zarr --dry-run   says which these are
 """
 
 import argparse
@@ -22,17 +22,17 @@ from rf_exp.store import Damage, Damaged, Store, empty_like, refuse_other_kinds
 
 
 def rescue(path: Path, dry_run: bool = False) -> None:
-    """Keeps the whole episodes of a store. Raises StageError where that cannot be done.
+    """Keeps the intact episodes of a store. Raises StageError where that cannot be done.
 
-    Whatever kills it, the damaged store is there, under its own name or that of one moved aside.
+    Wherever it is killed, the damaged store remains, under its own name or the one to which it is moved.
     """
     path = path.absolute()
     if not path.name:
         raise ArgumentError(f"{path} is no store")
     beside = path.with_name(f"{path.stem}.rescued{path.suffix}")
-    if path.exists() or not beside.is_dir():  # unless killed between the two moves
+    if path.exists() or not beside.is_dir():  # unless a rescue was killed between its two moves
         refuse_other_kinds(path)
-    with nullcontext() if dry_run else owned(path):  # reading changes nothing, and locks nobody out
+    with nullcontext() if dry_run else owned(path):  # a dry run only reads, and takes no lock
         there = [*takewhile(Path.exists, _asides(path))]
         if beside.is_dir() and there and not path.exists():  # killed between the two moves
             if not dry_run:
@@ -41,7 +41,7 @@ def rescue(path: Path, dry_run: bool = False) -> None:
             console.print(f"{path} {becomes} the rescued one now; the damaged one is {there[-1]}")
             return
         if not dry_run:
-            shutil.rmtree(beside, ignore_errors=True)  # of a rescue that was killed
+            shutil.rmtree(beside, ignore_errors=True)  # left by a rescue that was killed
         lost, kept = _kept(path, None if dry_run else beside)
         if not lost and _opens(path):
             if not dry_run:
@@ -64,13 +64,13 @@ def rescue(path: Path, dry_run: bool = False) -> None:
 
 
 def _asides(path: Path) -> Iterator[Path]:
-    """Where damaged stores are moved, the first, the second, ...: one that is there is never touched."""
+    """Yields the paths to which damaged stores are moved, in order; an existing one is never overwritten."""
     numbers = ("" if number == 1 else f"-{number}" for number in count(1))
     return (path.with_name(f"{path.stem}.damaged{number}{path.suffix}") for number in numbers)
 
 
 def _kept(path: Path, to: Path | None) -> tuple[dict[int, str], list[int]]:
-    """(episode -> why it is lost, seeds that are whole), written to a new store if one is named."""
+    """(lost episode -> reason, seeds of intact episodes); copies the intact ones to a new store at `to`."""
     lost: dict[int, str] = {}
     kept: list[int] = []
     with ExitStack() as stack:

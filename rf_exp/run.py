@@ -17,7 +17,7 @@ from rf_exp.errors import StageError
 @composed("config")
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen set of constraints and architecture."""
-    # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
+    # Imported here: --help and a wrong argument are answered without torch and SAPIEN.
     from rf_exp import stages
     from rf_exp.experiment import read_experiment
 
@@ -41,7 +41,7 @@ def main(config: DictConfig) -> None:
             if "evaluate" in chosen:
                 stages.evaluate_policies(learned)
 
-    # All rows there are, beside the paper's figures.
+    # All existing rows, beside the paper's figures.
     if "report" in chosen:
         stages.write_tables(experiment)
 
@@ -50,7 +50,7 @@ def main(config: DictConfig) -> None:
 
 
 def command() -> int:
-    """The command, whatever ends it; its exit code."""
+    """Runs the command; its exit code, whatever ends it."""
     return guarded(main)
 
 

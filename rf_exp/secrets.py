@@ -1,4 +1,4 @@
-"""Keys never reach a file, a log or a recording: they live in the environment alone."""
+"""Protection of API keys: they stay in the environment and never reach a file, a log or a recording."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -6,19 +6,19 @@ from urllib.parse import urlsplit
 
 from rf_exp.errors import ArgumentError
 
-SHORTEST = 8  # characters; what is shorter is no secret ("none", "EMPTY") but would garble a text
-SECRET = ("api_key", "key", "token", "password")  # names under which people would write one
-_KEY = re.compile(r"([\w-]+)['\"]?\s*:")  # of a mapping on the command line
+SHORTEST = 8  # characters; shorter values ("none", "EMPTY") are no secrets, but masking them garbles texts
+SECRET = ("api_key", "key", "token", "password")  # names under which users might write a secret
+_KEY = re.compile(r"([\w-]+)['\"]?\s*:")  # a key of a mapping on the command line
 _ENVIRONMENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,63}")
 
 
 def without(text: str, key: str) -> str:
-    """The text with the key blotted out; servers like to repeat it in their errors."""
+    """The text with the key masked; servers repeat it in their errors."""
     return text.replace(key, "[key]") if len(key) >= SHORTEST else text
 
 
 def check_environment_name(name: str) -> None:
-    """Raises ArgumentError, without repeating it, for what may be a key instead of a name."""
+    """Raises ArgumentError for a value that may be a key instead of a name, without repeating it."""
     if _ENVIRONMENT_NAME.fullmatch(name) is None:
         raise ArgumentError(
             "brain.api_key_env is not the name of an environment variable (capitals, digits, underscores). "
@@ -27,7 +27,7 @@ def check_environment_name(name: str) -> None:
 
 
 def check_address(url: str) -> str:
-    """An http(s) address without anything secret in it. Raises ArgumentError."""
+    """The http(s) address. Raises ArgumentError for another kind, or one that holds secrets."""
     more = (
         "a user, a password or a query; addresses are recorded, so put the key into the environment variable "
         "that brain.api_key_env names"
@@ -37,7 +37,7 @@ def check_address(url: str) -> str:
 
 
 def check_policy_server(url: str) -> str:
-    """A ws(s) address without anything secret in it. Raises ArgumentError."""
+    """The ws(s) address. Raises ArgumentError for another kind, or one that holds secrets."""
     expected = (
         "expected ws://host:port or wss://host:port, without user, password and query, as it is recorded"
     )

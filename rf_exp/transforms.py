@@ -25,18 +25,18 @@ def transform(position_m: ArrayLike = (0.0, 0.0, 0.0), rotation: Rotation | None
 
 
 def planar(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> Matrix:
-    """A pose standing upright at (x, y, z), turned by yaw about the vertical."""
+    """An upright pose at (x, y, z), rotated by yaw about the vertical."""
     return transform((x_m, y_m, z_m), Rotation.from_euler("z", yaw_rad))
 
 
 def rotated(turn_rad: ArrayLike) -> Matrix:
-    """A turn by a rotation vector (3,), in rad."""
+    """The rotation by a rotation vector (3,), in rad."""
     return transform(rotation=Rotation.from_rotvec(turn_rad))
 
 
 @cache
 def equal_turns(count: int) -> tuple[Matrix, ...]:
-    """So many equal turns about the z axis, from none on."""
+    """`count` rotations about the z axis, evenly spaced from 0 over a full turn."""
     angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
     return tuple(transform(rotation=Rotation.from_euler("z", angle)) for angle in angles)
 
@@ -60,7 +60,7 @@ def quaternion(matrix: Matrix) -> NDArray[np.float64]:
 
 
 def position_and_quaternion(matrix: Matrix) -> list[float]:
-    """(x, y, z, w, x, y, z) of one (4, 4), in a tenth of the time of `quaternion`, which is for many."""
+    """(x, y, z, qw, qx, qy, qz) of one (4, 4), ten times as fast as `quaternion`, which is for many."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = matrix.tolist()
     trace = a + e + i
     largest = max(a, e, i, trace)  # the best conditioned of four ways
@@ -77,7 +77,7 @@ def position_and_quaternion(matrix: Matrix) -> list[float]:
 
 
 def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(..., 4, 4) of positions in m with quaternions w, x, y, z (..., 7)."""
+    """Poses (..., 4, 4) of positions in m with quaternions w, x, y, z (..., 7)."""
     matrices = np.zeros((*poses.shape[:-1], 4, 4))
     turned = Rotation.from_quat(poses[..., 3:].reshape(-1, 4), scalar_first=True)
     matrices[..., :3, :3] = turned.as_matrix().reshape(*poses.shape[:-1], 3, 3)
@@ -87,7 +87,7 @@ def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def inverse(matrix: Matrix) -> Matrix:
-    """`b_from_a` of `a_from_b`; exact for rigid transforms."""
+    """The inverse, `b_from_a` of `a_from_b`; exact for rigid transforms."""
     result = np.eye(4)
     result[:3, :3] = matrix[:3, :3].T
     result[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
@@ -95,17 +95,17 @@ def inverse(matrix: Matrix) -> Matrix:
 
 
 def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (..., 3) moved by (4, 4)."""
+    """Points (..., 3) transformed by (4, 4)."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def placed(poses: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (K, 3), or (..., K, 3), in the frames of poses (..., 4, 4), outside of them: (..., K, 3)."""
+    """Points (K, 3), or (..., K, 3), in the frames of poses (..., 4, 4) to the outer frame: (..., K, 3)."""
     return points @ poses[..., :3, :3].swapaxes(-1, -2) + poses[..., None, :3, 3]
 
 
 def wrapped_rad(angles: ArrayLike) -> NDArray[np.float64]:
-    """Angles (...) brought into [-pi, pi)."""
+    """Angles (...) wrapped to [-pi, pi)."""
     return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -122,7 +122,7 @@ def interpolate(a: Matrix, b: Matrix, fraction: ArrayLike) -> NDArray[np.float64
     share = np.asarray(fraction, dtype=float)
     between = np.broadcast_to(a, (*share.shape, 4, 4)).copy()
     between[..., :3, 3] += share[..., None] * (b[:3, 3] - a[:3, 3])
-    if not np.array_equal(a[:3, :3], b[:3, :3]):  # most straight motions do not turn
+    if not np.array_equal(a[:3, :3], b[:3, :3]):  # most straight motions do not rotate
         turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
         turns = Rotation.from_rotvec((share[..., None] * turn).reshape(-1, 3)).as_matrix()
         between[..., :3, :3] = a[:3, :3] @ turns.reshape(*share.shape, 3, 3)

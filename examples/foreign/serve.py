@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python examples/foreign/serve.py examples.foreign.hold:make [--options '{"steps": 8}']
 
-Runs where the policy does, in an environment of its own: it needs this repository in PYTHONPATH, numpy,
-msgpack and websockets, and lazy_loader. Each connection has a policy to itself.
+Runs in the Python environment of the policy, which needs this repository in PYTHONPATH, numpy, msgpack,
+websockets and lazy_loader. Each connection has a policy of its own.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from rf_exp.policy import make_policy
 
 
 class Served:
-    """A policy with `act`, as the client serves it; the seed of each episode goes to its `reset`."""
+    """Adapter from a policy with `act` to the server's interface; `reset` gets the seed of each episode."""
 
     def __init__(self, factory: str, options: dict[str, Any]) -> None:
         self._policy = make_policy(factory, options)
@@ -43,7 +43,7 @@ def main() -> None:
     def make() -> Served:
         return Served(given.factory, given.options)
 
-    make()  # what is slow or wrong about it shows before anybody waits
+    make()  # errors and slow loading show before the first connection
     with serving(make, given.host, given.port, {"factory": given.factory}) as server:
         print(f"{given.factory} at {server.address}", flush=True)
         server.run()

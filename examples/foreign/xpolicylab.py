@@ -1,10 +1,10 @@
-"""A `Model` of XPolicyLab as a policy here, for one arm or two: docs/serving.md.
+"""Foreign policy from a `Model` of XPolicyLab, for one arm or two: docs/serving.md.
 
     from rf_exp_client import serve
     serve(Adapter(Model(config), arms=2), host="0.0.0.0")
 
-There the left arm is our agent 1 and the right one agent 2; it has no names for a third. This file needs
-NumPy alone.
+XPolicyLab's left arm is agent 1 and its right arm agent 2; it has no names for a third. This file needs only
+NumPy.
 """
 
 from typing import Any
@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SIDES = {1: ("",), 2: ("left_", "right_")}  # before the keys of each arm
-OPEN_M, JOINTS, CONTROL_HZ = 0.04, 7, 20  # a finger of the Panda's hand; joints of an arm
+SIDES = {1: ("",), 2: ("left_", "right_")}  # number of arms -> prefixes of their keys
+OPEN_M, JOINTS, CONTROL_HZ = 0.04, 7, 20  # opening of a finger of the Panda's gripper; joints of an arm
 
 
 class Adapter:
-    """Says to a model what we observe by its names, and its chunk back to us.
+    """Adapter: passes observations to a model under XPolicyLab's names, and returns its chunks.
 
-    Its gripper is on the scale of our commands, -1 (closed) to 1 (open), seen and told.
+    The model's gripper has the scale of our commands, -1 (closed) to 1 (open), in states and actions. Raises
+    ValueError for more than two arms.
     """
 
     def __init__(self, model: Any, arms: int) -> None:
@@ -28,11 +29,11 @@ class Adapter:
         self._model, self._sides = model, SIDES[arms]
 
     def reset(self, seed: int) -> None:
-        """An episode begins; XPolicyLab is told of no seed."""
+        """Resets the model, which takes no seed."""
         self._model.reset()
 
     def infer(self, observation: dict[str, Any]) -> dict[str, NDArray[np.float64]]:
-        """Actions (T, N, 8): of each step the joint targets in rad and the gripper of each arm."""
+        """Actions (T, N, 8): joint targets in rad and gripper, per step and arm."""
         self._model.update_obs(self.theirs(observation))
         keys = ("arm_joint_state", "ee_joint_state")
         steps = [
@@ -42,7 +43,7 @@ class Adapter:
         return {"actions": np.array(steps, float)}
 
     def theirs(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Our observation in their format v1.0; pictures are RGB in both."""
+        """Our observation in XPolicyLab's format v1.0; pictures are RGB in both."""
         state: dict[str, NDArray[Any]] = {}
         cameras = {"cam_head": "global"}
         for agent, (side, qpos) in enumerate(zip(self._sides, observation["qpos"], strict=True), start=1):

@@ -1,8 +1,9 @@
-"""Plans of two Pandas for two of ManiSkill's own tasks, with nothing of ours but planner and checker.
+"""Plans two Pandas in two of ManiSkill's own tasks, with the planner and the checker of this suite alone.
 
     python examples/library/two_robots.py [--episodes 3]
 
-What to do is said in sentences, and anew for each scene only where things are. Success is ManiSkill's.
+Subgoals and constraints are sentences, the same for all scenes; only the poses of objects are read anew from
+each. Success is ManiSkill's.
 """
 
 import argparse
@@ -16,17 +17,17 @@ from rf_exp.library import Execution, InteractionPoint, JointLimits, NoPlan, Wor
 
 LIMITS = JointLimits(
     velocity_rad_s=2.1, acceleration_rad_s2=7.5
-)  # Franka's of the slowest joints: docs/library.md
+)  # Franka's, for the slowest joints: docs/library.md
 TURNS = "Agent_1 and Agent_2 may share the same space one after the other."
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be done in the scenes of an environment."""
+    """Subgoals and constraints for the scenes of an environment."""
 
     subgoals: dict[int, list[str]]
     constraints: list[str]
-    points: dict[str, dict[str, InteractionPoint]]  # what the shapes of the scene do not tell
+    points: dict[str, dict[str, InteractionPoint]]  # that cannot be derived from the shapes
 
 
 JOBS = {
@@ -36,7 +37,7 @@ JOBS = {
             2: ["aside", "grasp cube at center", "carry cube to goal_site at middle_of_cube"],
         },
         ["Agent_1 must place cube before Agent_2 grasps cube.", TURNS],
-        # A cube has its origin on its underside; its middle, 2 cm above, is to be in the goal.
+        # The origin of a cube is on its underside; its middle, 2 cm above, must be in the goal.
         {"goal_site": {"middle_of_cube": InteractionPoint(transform((0, 0, -0.02)), "place", turns=4)}},
     ),
     "TwoRobotStackCube-v1": Job(
@@ -45,11 +46,11 @@ JOBS = {
             2: ["grasp cubeB at center", "place cubeB to goal_region at inside"],
         },
         [
-            "Agent_1 must grasp cubeA before Agent_2 places cubeB.",  # it may stand in the goal region
+            "Agent_1 must grasp cubeA before Agent_2 places cubeB.",  # cubeA may stand in the goal region
             "Agent_2 must place cubeB before Agent_1 places cubeA.",
             TURNS,
         ],
-        # The far end of what the second arm reaches: up to 4 cm off the middle will do, the region has 6.
+        # At the limit of the second arm's reach: up to 4 cm off the middle is accepted; the region has 6.
         {"goal_region": {"inside": InteractionPoint(transform(), "place", turns=12, slack_m=0.04)}},
     ),
 }
@@ -66,7 +67,7 @@ def play(env: gymnasium.Env, seed: int, job: Job, limits: JointLimits = LIMITS) 
 
 
 def make(name: str) -> gymnasium.Env:
-    """An environment whose arms take absolute joint targets, and which has time for slow ones."""
+    """An environment with absolute joint targets and a step limit that suits slow arms."""
     options: dict[str, Any] = {"control_mode": "pd_joint_pos", "max_episode_steps": 400}
     return gymnasium.make(name, obs_mode="none", reward_mode="none", render_backend="none", **options)
 

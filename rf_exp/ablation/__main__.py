@@ -1,4 +1,4 @@
-"""`python -m rf_exp.ablation --out outputs`: tables and report again, from the result rows alone."""
+"""`python -m rf_exp.ablation --out outputs`: writes tables and report again, from the result rows alone."""
 
 import argparse
 import sys
@@ -12,7 +12,7 @@ from rf_exp.progress import complaints, console
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code 0 done, 1 failed, 2 a wrong argument; the reason is the last line."""
+    """Returns exit code 0 done, 1 failed, 2 a wrong argument; the reason is the last line of output."""
     parser = argparse.ArgumentParser("python -m rf_exp.ablation", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("outputs"), help="folder with results/")
     out: Path = parser.parse_args(arguments).out

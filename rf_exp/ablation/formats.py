@@ -1,9 +1,9 @@
-"""A table as Markdown, CSV, LaTeX and on the terminal.
+"""Formats of a table: Markdown, CSV, LaTeX and the terminal.
 
 Success at the end, success without a violation and violations are shown alike. In Markdown and LaTeX a
-column of figures is two, ours and the paper's; of violations, which the paper does not count, it is one.
+column of figures becomes two, ours and the paper's; violations, which the paper does not count, have one.
 On the terminal each column is a table of its own, narrow enough for 80 characters; a table without figures
-that the paper has too is turned there: lines of one title stand side by side, in a table for each title.
+that the paper has too is transposed there, into a table for each title with its lines side by side.
 """
 
 import csv
@@ -35,7 +35,7 @@ from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
 from rf_exp.texts import markdown as marked
 
-LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and are folded away in the report
+LONG_TEXT = 60  # characters; columns with longer texts wrap in LaTeX and are collapsed in the report
 NAME_WIDTH = 18  # characters of a row's title on the terminal, where longer ones wrap
 CSV_FIELDS = (
     *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
@@ -45,9 +45,9 @@ CSV_FIELDS = (
 
 
 def notes(table: Table) -> list[str]:
-    """The notes of the table, then those of its cells with their place.
+    """The notes of the table, then those of its cells with row and column.
 
-    Violations are of the attempts of the figure before them, so its note says it all.
+    Violations are left out: they are of the same attempts as the figure before them, whose note suffices.
     """
     placed = [
         f"{line.title}, {column.title}: {cell.note}."
@@ -61,7 +61,7 @@ def notes(table: Table) -> list[str]:
 def grid(
     table: Table, ours: Callable[[Cell], str], text: Callable[[str], str]
 ) -> tuple[list[str], list[list[str]]]:
-    """Heading and rows, written by `ours` and `text`: each figure with the paper's in a column of its own."""
+    """Heading and rows, formatted by `ours` and `text`; the paper's figures are in columns of their own."""
     heading = [table.heading]
     for column in table.columns:
         heading += [column.title, "paper"] if column.compared else [column.title]
@@ -80,7 +80,7 @@ def paper_figure(cell: Rate | Length) -> str:
 
 
 def is_long(table: Table, index: int) -> bool:
-    """Whether a column holds texts too long for a narrow place."""
+    """Whether a column holds texts longer than `LONG_TEXT`."""
     cells = (line.cells[index] for line in table.lines)
     return any(isinstance(cell, Text) and len(cell.value) > LONG_TEXT for cell in cells)
 
@@ -94,7 +94,7 @@ def markdown(table: Table) -> str:
 
 
 def tidy_csv(table: Table) -> str:
-    """One line a cell, numbers as they are: rates in [0, 1], lengths in control steps."""
+    """CSV with a line per cell and unformatted numbers: rates in [0, 1], lengths in control steps."""
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, CSV_FIELDS, lineterminator="\n")
     writer.writeheader()
@@ -129,7 +129,7 @@ def latex(table: Table) -> str:
 
 
 def write(table: Table, folder: Path) -> list[Path]:
-    """`<name>.md`, `.csv` and `.tex` in the folder. Raises StageError when they cannot be written."""
+    """Writes `<name>.md`, `.csv` and `.tex` to the folder; returns the paths. Raises StageError."""
     texts = {"md": markdown(table), "csv": tidy_csv(table), "tex": latex(table)}
     paths = [folder / f"{table.name}.{suffix}" for suffix in texts]
     try:
@@ -141,10 +141,10 @@ def write(table: Table, folder: Path) -> list[Path]:
 
 
 def show(table: Table, console: Console, said: set[str] | None = None) -> None:
-    """On the terminal: for each column of figures a table that fits 80 characters, then the notes.
+    """Prints a table: for each column of figures one that fits 80 characters, then the notes.
 
-    Texts stay away, but for those that tell rows of one title apart, and what nothing is known of is folded.
-    Notes that were `said` of another table are not said again; those of this one are put there.
+    Omits texts, except those that tell rows of one title apart, and lines and columns without figures. Omits
+    the notes in `said`, printed with other tables, and adds those of this one.
     """
     said = set[str]() if said is None else said
     table = table.folded
@@ -170,7 +170,7 @@ def show(table: Table, console: Console, said: set[str] | None = None) -> None:
 
 
 def turned(table: Table, told: Callable[[Cell], str]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
-    """(title, heading, rows) of its lines of one title: a column for each, which their first cell names."""
+    """Yields (title, heading, rows) for the lines of a title: a column per line, named in its first cell."""
     for title in dict.fromkeys(line.title for line in table.lines):
         lines = [line for line in table.lines if line.title == title]
         heading, *rows = (
@@ -181,7 +181,7 @@ def turned(table: Table, told: Callable[[Cell], str]) -> Iterator[tuple[str, lis
 
 
 def _column(table: Table, index: int, after: int | None) -> Grid:
-    """One column: our figures, the rates without a violation, the violations, the paper's figures."""
+    """One column as a table: our figures, rates without a violation, violations, the paper's figures."""
     rates, titles = table.columns[index].kind is Rate, [line.title for line in table.lines]
     shown = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     shown.add_column(Words(table.heading), width=NAME_WIDTH, overflow="fold")
@@ -193,7 +193,7 @@ def _column(table: Table, index: int, after: int | None) -> Grid:
         beside = None if after is None else line.cells[after]
         name = line.title if titles.count(line.title) == 1 else _told_apart(line, table.columns)
         cell = line.cells[index]
-        assert isinstance(cell, Rate | Length)  # of a column that the paper has too
+        assert isinstance(cell, Rate | Length)  # as the column is `compared`
         fields = [_stacked(cell.figure, *cell.details)]
         if isinstance(cell, Rate):
             fields.append(_stacked(*((MISSING, "") if cell.missing else cell.clean_figure)))
@@ -204,7 +204,7 @@ def _column(table: Table, index: int, after: int | None) -> Grid:
 
 
 def _stacked(value: str, *details: str) -> Words:
-    """A figure with what belongs to it below, fainter."""
+    """A figure with its details below, dimmed."""
     below = "".join(f"\n{detail}" for detail in details if detail)
     return Words.assemble((value, "dim" if value == MISSING else "bold"), (below, "dim"))
 

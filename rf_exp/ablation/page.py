@@ -1,4 +1,4 @@
-"""What the report shows, section by section; templates/ says how: one HTML file with its style.
+"""Content of the report, section by section; templates/ has its form, one HTML file with its style.
 
 It is readable on a phone and in dark mode, and has no script.
 """
@@ -19,26 +19,26 @@ TEMPLATE = Path(__file__).with_name("templates") / "report.html"
 
 @dataclass(frozen=True)
 class Panel:
-    """A card: a plot, a picture or several in a strip, with words below."""
+    """A card: a plot, a picture or a strip of pictures, with a caption below."""
 
     title: str
     svg: str = ""  # markup
-    picture: str = ""  # where it is; or itself, as a data URL
+    picture: str = ""  # its URL, which may be a data URL
     strip: tuple[str, ...] = ()  # pictures side by side
     caption: str = ""
-    film: str = ""  # where it is, as seen from the report
+    film: str = ""  # its URL relative to the report
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page. It shows whatever it has, in this order, and is left out where it has nothing."""
+    """A section of the page. Shows the parts that it has, in this order; left out if it has none."""
 
     anchor: str
     heading: str
-    command: str = ""  # that makes first results, where there are none
-    tiles: tuple[tuple[str, str], ...] = ()  # large figures, each with what it is
+    command: str = ""  # makes first results, where there are none
+    tiles: tuple[tuple[str, str], ...] = ()  # (large figure, its meaning)
     lead: str = ""
-    table: Mapping[str, Any] | None = None  # as it is `laid`
+    table: Mapping[str, Any] | None = None  # as returned by `laid`
     titles: tuple[str, ...] = ()
     rows: Sequence[tuple[str, ...]] = ()  # of texts, below `titles`
     panels: tuple[Panel, ...] = ()
@@ -53,21 +53,21 @@ class Section:
 
 
 def document(title: str, source: str, sections: list[Section]) -> str:
-    """The page, each section reachable from the top. `source` says which paper ours is compared to."""
+    """The page, with links to its sections at the top. `source` is the paper that ours is compared to."""
     shown = [section for section in sections if section.shown]
     return rendered(TEMPLATE, title=title, source=source, sections=shown)
 
 
 def laid(table: Table) -> dict[str, Any]:
-    """A table laid out for a page.
+    """The layout of a table on the page.
 
-    Violations stand in the field of the figure that they are of. More columns than fit side by side go on
-    below, and those of long texts follow in a table of their own that is folded away. A note names what was
-    not measured.
+    Violations are in the cell of the figure with the same attempts. Columns that do not fit side by side go
+    on below, and those of long texts follow in a collapsed table of their own. A note names what was not
+    measured.
     """
     table = table.folded
     long = [i for i in range(len(table.columns)) if formats.is_long(table, i)]
-    alone = (Text, Difference, Score, Share)  # what the paper has no figure of, and no violations
+    alone = (Text, Difference, Score, Share)  # kinds without the paper's figures and violations
     texts = [i for i, column in enumerate(table.columns) if column.kind in alone and i not in long]
     figures = [index for index, _ in table.compared]
     rows = max(1, ceil(len(figures) / ABREAST))
@@ -75,7 +75,7 @@ def laid(table: Table) -> dict[str, Any]:
     titles = [line.title for line in table.lines]
 
     def name(line: Line) -> str:
-        """Lines of one title are told apart by their first text."""
+        """The title of a line, with its first text where several lines have the same title."""
         several, first = titles.count(line.title) > 1, line.cells[0]
         return f"{line.title}, {first.value}" if several and isinstance(first, Text) else line.title
 
@@ -84,7 +84,7 @@ def laid(table: Table) -> dict[str, Any]:
         "blocks": [sorted([*texts, *figures[k * each : (k + 1) * each]]) for k in range(rows)],  # abreast
         "after": dict(table.compared),  # column of figures -> that of its violations
         "long": [table.columns[i] for i in long],
-        "told": [[name(line), *(line.cells[i].value for i in long)] for line in table.lines],  # in full
+        "told": [[name(line), *(line.cells[i].value for i in long)] for line in table.lines],  # long texts
         "notes": formats.notes(table),
         "clean": CLEAN,
     }

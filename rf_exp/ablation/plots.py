@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from rf_exp.ablation.tables.robustness import in_order
 from rf_exp.ablation.tables.table import Cell, Column, Length, Line, Rate, Table, Text
 
-# Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
+# Placeholder colours for variables of the page's style sheet; replaced in the finished SVG.
 VARIABLES = {
     **{"ink": "#010203", "line": "#040506", "ours": "#070809", "paper": "#0a0b0c"},
     **{"c3": "#0d0e0f", "c4": "#101112", "c5": "#131415"},
@@ -30,18 +30,18 @@ STYLE: dict[Any, Any] = {
     **dict.fromkeys(("ytick.left", "legend.frameon"), False),
 }
 WIDTH_IN = 4.2
-FULLEST = 0.55  # opacity of a cell of a map where all succeeded: numbers on it can be read
-FEW = 3  # tasks whose names fit side by side, and otherwise stand upright
+FULLEST = 0.55  # opacity of a map's cell where all succeeded, low enough to read numbers on it
+FEW = 3  # most tasks whose names fit side by side; names of more are vertical
 
 
 def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
-    """A row of the table a line: ours with its interval, also without violations, and the paper's."""
+    """Dot plot, a line per row of the table: ours with its interval, also without violations; the paper's."""
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 0.75 + 0.34 * len(lines)), layout="constrained")
         axes = figure.add_subplot()
         for place, line in enumerate(lines):
             cell = line.cells[index]
-            assert isinstance(cell, Rate | Length)  # of a column that the paper has too
+            assert isinstance(cell, Rate | Length)  # as the column is `compared`
             scale = 100 if isinstance(cell, Rate) else 1
             if cell.value is not None:
                 low, high = cell.interval or (cell.value, cell.value)
@@ -97,10 +97,10 @@ def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
 
 
 def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
-    """Loss over the first column of a training log; every column named after a loss is a line.
+    """Losses over the first column of a training log: a line for every column with `loss` in its name.
 
-    Columns may have gaps (NaN), such as a validation loss measured now and then. Raises ValueError when no
-    column is.
+    Columns may have gaps (NaN), such as a validation loss measured now and then. Raises ValueError without
+    such a column.
     """
     losses = {n: v for n, v in columns.items() if "loss" in n.lower() and any(map(isfinite, v))}
     if not losses:
@@ -146,7 +146,7 @@ def panels(table: Table) -> list[tuple[str, str]]:
 
 
 def maps(table: Table) -> list[tuple[str, str]]:
-    """(title, SVG) for each policy of the table of robustness: strict success by task and by factor."""
+    """(title, SVG) for each policy of the robustness table: strict success by task and by factor."""
     places = {column.key: index for index, column in enumerate(table.columns)}
     found: dict[str, dict[tuple[str, str], Rate]] = {}
     for line in table.lines:
@@ -167,7 +167,7 @@ def maps(table: Table) -> list[tuple[str, str]]:
 def success_map(
     rates: Mapping[tuple[str, str], Rate], tasks: Sequence[str], factors: Sequence[str], salt: str
 ) -> str:
-    """A cell for each task, side by side, and each factor, one below the other: the fuller the better."""
+    """Heat map of success with a column for each task and a row for each factor; more opaque is better."""
     with rc_context({**STYLE, "svg.hashsalt": salt, "axes.grid": False}):
         names_in = 0.3 if len(tasks) <= FEW else 1.5
         figure = Figure((WIDTH_IN, 0.6 + names_in + 0.24 * len(factors)), layout="constrained")
@@ -191,7 +191,7 @@ def success_map(
 
 
 def _whole(share: float) -> str:
-    """In whole per cent, but for what would be none or all by rounding alone."""
+    """A share in whole per cent; with a decimal where rounding alone would give 0 or 100."""
     whole = round(100 * share)
     return f"{100 * share:.1f}" if whole in (0, 100) and whole != 100 * share else str(whole)
 

@@ -1,4 +1,4 @@
-"""The report: every table beside the paper's, plots, what lies in the output folder, where it came from."""
+"""The report: every table beside the paper's, plots, content of the output folder, and its provenance."""
 
 import base64
 import io
@@ -28,13 +28,13 @@ from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
 from rf_exp.types import CONTROL_DT_S, FOREIGN, UNVARIED
 
-REASONS = 30  # at most so many in one report; more are counted
+REASONS = 30  # most in one report; further ones are counted
 PACKAGES = (
     *("rf_exp", "mani-skill", "sapien", "torch", "diffusers", "hydra-core", "numpy", "zarr", "pin", "coal"),
     *("toppra", "rerun-sdk"),
 )
-PICTURES, CURVES, RECORDINGS = 24, 24, 40  # at most so many in one report; more are counted
-ROLLOUTS = 32  # the same of rollouts, shared by the tasks
+PICTURES, CURVES, RECORDINGS = 24, 24, 40  # most in one report; further ones are counted
+ROLLOUTS = 32  # most in one report, shared by the tasks
 PICTURE_WIDTH, FRAME_WIDTH = 720, 240  # pixels
 STRIP = 4  # frames of a demonstration
 JUDGED = (
@@ -45,10 +45,10 @@ UNJUDGED = "needs rtamt: pip install 'rf_exp[stl]', and make the demonstration a
 
 
 def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
-    """Tables and `out/report.html` from the result rows below `out` and what is known of the tasks.
+    """Writes tables and `out/report.html` from the result rows below `out` and the facts about the tasks.
 
-    The report is self-contained but for films, which lie beside it; no script, no network. Returns tables and
-    its path. Raises StageError when something cannot be written.
+    The report is self-contained but for films, which are files beside it; no script, no network. Returns the
+    tables and its path. Raises StageError when something cannot be written.
     """
     results = load(out)
     built = build(results, suite)
@@ -105,7 +105,7 @@ def _summary(results: Results) -> Section:
 
 def _table(table: Table) -> Section:
     if table.name == "benchmark":
-        first = table.cell(table.lines[0].key, "recipe")  # `recipes` draws the others
+        first = table.cell(table.lines[0].key, "recipe")  # the table `recipes` plots the others
         drawn = [
             (line.title, plots.over_demos(line, table.columns, f"{table.name}-{line.key}"))
             for line in table.lines
@@ -115,7 +115,7 @@ def _table(table: Table) -> Section:
     elif table.name == "robustness":
         drawn = plots.maps(table)
     elif table.name == "tasks":
-        drawn = []  # its figures are drawn with the other tables
+        drawn = []  # its figures are plotted with the other tables
     else:
         drawn = plots.panels(table)
     panels = tuple(Panel(title, svg) for title, svg in drawn)
@@ -123,7 +123,7 @@ def _table(table: Table) -> Section:
 
 
 def _policy_failures(results: Results, suite: Suite) -> Section:
-    """Failures of one kind are counted together, for each policy."""
+    """Section of the failures of each policy, counted by kind."""
     kinds: Counter[tuple[str, ...]] = Counter()
     tried: Counter[tuple[str, ...]] = Counter()
     scenes: dict[tuple[str, ...], int] = {}
@@ -173,7 +173,7 @@ def _failures(results: Results, suite: Suite) -> Section:
 
 
 def learnt_from(row: EvaluationRow) -> str:
-    """What the policies of a rollout have learnt from, how, and where they acted, in words."""
+    """The training data and recipe of a rollout's policies, and where they acted, in words."""
     trained = f", training seed {row.train_seed}" if row.train_seed else ""
     acting = ", shielded" * row.shield
     if row.variation != UNVARIED:
@@ -185,7 +185,7 @@ def learnt_from(row: EvaluationRow) -> str:
 
 
 def _rollouts(out: Path, results: Results, suite: Suite) -> Section:
-    """Films with the picture of their last moment, some of each task, failures first."""
+    """Section of films with a picture of the last moment, some of each task, failures first."""
     ordered = sorted(results.evaluation, key=lambda row: (row.success, *map(str, row.identity)))
     pictured = (row for row in ordered if (out / rollout_file(row, PICTURE)).exists())
     by_task = grouped(pictured, lambda row: row.task)
@@ -231,7 +231,7 @@ def _curves(out: Path) -> Section:
 
 
 def _pictures(out: Path, results: Results) -> Section:
-    """Pictures beside the recordings, but for those of rollouts, which are shown with their films."""
+    """Section of pictures beside the recordings, except those of rollouts, shown with their films."""
 
     def draw(path: Path) -> Panel:
         with Image.open(path) as image:
@@ -246,7 +246,7 @@ def _pictures(out: Path, results: Results) -> Section:
 def _drawn(
     files: Sequence[Path], draw: Callable[[Path], Panel], most: int, folder: str, failed: str
 ) -> tuple[tuple[Panel, ...], tuple[str, ...]]:
-    """Panels of the first files, and notes about those that cannot be drawn and those that are left."""
+    """Panels of the first files, and notes about files that cannot be drawn or are left out."""
     drawn, notes = [], []
     for path in files[:most]:
         try:
@@ -258,7 +258,7 @@ def _drawn(
 
 
 def _data(out: Path) -> Section:
-    """Every data set with frames of its first episode."""
+    """Section of the data sets, with frames of the first episode of each."""
     drawn, notes = [], []
     for path in sorted((out / "data").glob("*/*/*.zarr")):
         try:
@@ -276,9 +276,9 @@ def _data(out: Path) -> Section:
 
 
 def margins(out: Path, suite: Suite) -> Section:
-    """Of every demonstration below `out/demonstrations`; empty where there is none.
+    """Section of the robustness of every demonstration below `out/demonstrations`; empty without one.
 
-    Read from what lies beside its page, so nothing is judged again, and rtamt is not needed here.
+    Read from the JSON beside its page, so nothing is judged again, and rtamt is not needed here.
     """
     lines: list[tuple[str, ...]] = []
     notes = []
@@ -302,7 +302,7 @@ def margins(out: Path, suite: Suite) -> Section:
 
 
 def _least(checks: list[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
-    """For each unit how many constraints were judged, the least robustness, and the formula that has it."""
+    """Yields for each unit the number of judged constraints, the least robustness, and its formula."""
     formulas = [(check["check"], formula) for check in checks for formula in check["formulas"]]
     if formulas and all(formula["holds"] is None for _, formula in formulas):
         yield "none", UNJUDGED, ""
@@ -346,7 +346,7 @@ def _provenance(out: Path, results: Results) -> Section:
 
 
 def _image(image: Image.Image, width: int) -> str:
-    """A picture as the data URL of a JPEG of at most that width, px."""
+    """A picture as the data URL of a JPEG of at most `width` px."""
     picture = image.convert("RGB")
     picture.thumbnail((width, 4 * width))
     buffer = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Files of result rows, written by commands or published, and how files about rollouts are called.
+"""Files of result rows, written by commands or published, and names of files about rollouts.
 
 results/generate/<task>/<constraints>.jsonl                           GenerationRow; disturbed: ..-disturbed,
                                                                       with delay_s=0 ..-disturbed-punctual;
@@ -6,16 +6,16 @@ results/generate/<task>/<constraints>.jsonl                           Generation
 results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
 
 A published file, with .tsv in the place of .jsonl, is a table with tabs between its columns, which pandas
-reads with `sep="\\t", comment="#", quoting=csv.QUOTE_NONE`. Above it stand lines `# name: JSON`:
+reads with `sep="\\t", comment="#", quoting=csv.QUOTE_NONE`. Lines `# name: JSON` precede it:
 
-# rows: what kind of rows, and the CRC-32 of all bytes below this line
+# rows: the kind of rows, and the CRC-32 of all bytes below this line
 # constant: the fields that all rows share, with their schema
-# asked: how the policies were to be trained and evaluated
-# made, made.0, made.1: of what they were made: what all training seeds share, and what each has of its own
-# curves.0: of each policy the steps of training, the mean loss since the last of them, CPU seconds until then
+# asked: the configuration by which the policies were to be trained and evaluated
+# made, made.0, made.1: provenance of the policies, as far as all training seeds share it, and of each seed
+# curves.0: for each policy some training steps, the mean loss since the step before, CPU seconds until then
 
-The columns are the other fields: numbers and words as they are, 0 or 1, and accounts and dialogues as JSON,
-which leaves out what an empty one says as well.
+The columns are the other fields: numbers and words as they are, booleans as 0 or 1, accounts and dialogues as
+JSON without the fields that have their defaults.
 """
 
 import json
@@ -41,12 +41,12 @@ FILM, PICTURE = ".mp4", ".png"
 SHIELDED = "-shield"  # in the name of a file about shielded rollouts
 SEEDS = ("seed", "train_seed", "scene_seed")  # columns of every table
 RESTORE = "restore it with git, or publish its rows again"
-Curves = Mapping[str, Mapping[str, list[float]]]  # policy -> column -> a value for each of some steps
+Curves = Mapping[str, Mapping[str, list[float]]]  # policy -> column -> values at some steps
 
 
 @dataclass(frozen=True)
 class Results:
-    """All rows below an output folder, each attempt once, and what was odd about the files."""
+    """All rows below an output folder, each attempt once, and notes about irregular files."""
 
     generation: tuple[GenerationRow, ...] = ()
     evaluation: tuple[EvaluationRow, ...] = ()
@@ -55,7 +55,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Published(Generic[R]):
-    """The rows of a published file, and of policies how they were asked for and what each was made of."""
+    """The rows of a published file and, for policies, their requested configuration and provenance."""
 
     rows: tuple[R, ...]
     asked: Mapping[str, Any] = field(default_factory=dict)
@@ -64,7 +64,7 @@ class Published(Generic[R]):
 
 
 def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
-    """The rows of one file of either form, in the order they were written.
+    """The rows of one file of either format, in the order they were written.
 
     Raises StageError naming file and line of a bad row. An unfinished last line, left by a crash, is
     left out with a warning in the log.
@@ -76,7 +76,7 @@ def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
 
 
 def load(out: Path) -> Results:
-    """Every row below `out/results`, of both forms. Of an attempt that was repeated the last row counts.
+    """Every row below `out/results`, of both formats. The last row of a repeated attempt counts.
 
     Raises StageError for a damaged file, and for published rows with a shield that are of other policies than
     those without.
@@ -131,20 +131,20 @@ def rows_file(
     shield: bool = False,
     variation: str = UNVARIED,
 ) -> Path:
-    """The rows of policies of all training seeds in scenes of a variation, below the output folder."""
+    """The file of rows, below the output folder, of policies of all training seeds in varied scenes."""
     name = f"{constraints}-{recipe}-{demos}{_how(shield, variation)}.jsonl"
     return Path("results", "evaluate", task, arch, name)
 
 
 def of_training_seed(rows: Path, seed: int) -> Path:
-    """How what is known of one training seed is called, beside the rows of all."""
+    """The path of a file about one training seed, beside the file of rows of all seeds."""
     return rows.with_name(f"{rows.stem}-{seed}{rows.suffix}")
 
 
 def rollout_name(
     arch: str, recipe: str, demos: int, train_seed: int, shield: bool = False, variation: str = UNVARIED
 ) -> str:
-    """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
+    """The beginning of names of files about a policy's rollouts; `-<scene seed>` follows."""
     seed = f"-t{train_seed}" if train_seed else ""
     return f"evaluate-{arch}-{recipe}-{demos}{seed}{_how(shield, variation)}"
 
@@ -172,7 +172,7 @@ def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
 
 
 def write_published(path: Path, published: Published[Any]) -> None:
-    """The file of at least one row, written whole. Raises OSError where it cannot be."""
+    """Writes a published file of at least one row, whole. Raises OSError where it cannot be written."""
     kind = type(published.rows[0])
     rows = [{each.name: _brief(getattr(row, each.name)) for each in fields(kind)} for row in published.rows]
     constant = {name: value for name, value in _shared(rows).items() if name not in SEEDS}
@@ -204,7 +204,7 @@ def read_published(path: Path, kind: type[R]) -> Published[R]:
 
 
 def _seal(kind: type, below: bytes) -> str:
-    """The first line of a file, about what is below it."""
+    """The first line of a published file, with the checksum of all bytes below it."""
     return f'# rows: {{"kind": "{kind.__name__}", "crc32": "{zlib.crc32(below):08x}"}}'
 
 
@@ -238,7 +238,7 @@ def _shared(several: Collection[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _brief(value: object) -> Any:
-    """As plain values, without fields that are as they are in an empty dataclass."""
+    """A value as plain values; dataclasses without the fields that have their defaults."""
     if is_dataclass(value):
         said = {each.name: (each, getattr(value, each.name)) for each in fields(value)}
         return {name: _brief(it) for name, (each, it) in said.items() if it != _default(each)}

@@ -1,9 +1,8 @@
-"""Result rows: one attempt each, also the failed ones; below an output folder one line of JSON for each.
+"""Result rows: one per attempt, failed ones included; stored below an output folder as a line of JSON each.
 
-A line holds the fields of its row, in their order; behind them `reason`, a sentence that is written from them
-for people and that nothing reads; and `crc32`: eight hexadecimal digits, the CRC-32 of all before it as
-canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not fit its checksum is told
-its file and number, and so is who reads a line of another schema.
+A line holds the fields of its row, in their order; then `reason`, a sentence made from them for people, which
+no code reads; and `crc32`: eight hexadecimal digits, the CRC-32 of all before it as canonical JSON (UTF-8,
+keys sorted, no spaces). The error about a wrong checksum or another schema names the file and the line.
 """
 
 import json
@@ -25,16 +24,16 @@ from rf_exp.types import FOREIGN, UNVARIED
 
 SCHEMA = 9
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
-_ROUNDS = re.compile(r"dagger\d+")  # of correction
-FINAL_SEED = 3_000_000  # first of the scenes of final figures; those below have decided between recipes
-_WORD = re.compile(r"[\w.+=-]{0,100}")  # what a task, a recipe, a version, a commit are called
+_ROUNDS = re.compile(r"dagger\d+")  # rounds of correction, in the name of a recipe
+FINAL_SEED = 3_000_000  # first scene seed of final figures; lower ones have decided between recipes
+_WORD = re.compile(r"[\w.+=-]{0,100}")  # name of a task, a recipe, a version, a commit
 
 
 @dataclass(frozen=True)
 class _Row:
-    """Checks its fields: exactly the declared types, finite and not negative numbers, names of one word."""
+    """Base of rows; checks fields: exactly the declared types, finite numbers >= 0, names of one word."""
 
-    key: ClassVar[tuple[str, ...]]  # fields that tell one attempt from another
+    key: ClassVar[tuple[str, ...]]  # fields that identify an attempt
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -58,20 +57,20 @@ class _Row:
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """What was attempted: two rows with one identity are the same attempt, repeated."""
+        """The values of `key`: two rows with one identity are the same attempt, repeated."""
         return tuple(getattr(self, name) for name in self.key)
 
 
 @dataclass(frozen=True)
 class GenerationRow(_Row):
-    """One scene seed for which a demonstration was tried."""
+    """One attempt to make a demonstration, in the scene of a seed."""
 
     key: ClassVar = (
         *("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s", "variation"),
     )
     task: str
     constraints: str
-    brain: str  # which; of a model, and of a fault, with its name
+    brain: str  # with the name of its model or fault, if it has one
     seed: int
     success: bool  # strict criterion
     success_paper: bool  # the paper's
@@ -85,11 +84,11 @@ class GenerationRow(_Row):
     commit: str  # git commit of that code, with a + where it was changed since, or its version
     schema: int = SCHEMA
     disturbance_rad: float = 0.0  # of executed motion
-    delay_s: float = 0.0  # how late an arm may have been
+    delay_s: float = 0.0  # longest delay of an arm
     account: Account = field(default_factory=Account)  # violations that ended proposals, contacts, failures
     variation: str = UNVARIED  # of the scenes, by its name
-    drawn: dict = field(default_factory=dict, hash=False)  # of it, in this scene
-    dialogue: Dialogue = field(default_factory=Dialogue)  # what RoboBrain answered
+    drawn: dict = field(default_factory=dict, hash=False)  # values drawn from it for this scene
+    dialogue: Dialogue = field(default_factory=Dialogue)  # RoboBrain's answers
 
     @property
     def reason(self) -> str:
@@ -99,7 +98,7 @@ class GenerationRow(_Row):
 
 @dataclass(frozen=True)
 class EvaluationRow(_Row):
-    """One scene in which a trained policy acted."""
+    """One rollout of policies, in one scene."""
 
     key: ClassVar = (
         *("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version", "shield"),
@@ -107,7 +106,7 @@ class EvaluationRow(_Row):
     )
     task: str
     arch: str
-    constraints: str  # of the demonstrations it learnt from
+    constraints: str  # of the demonstrations that the policies learnt from
     demos: int
     train_seed: int
     scene_seed: int
@@ -121,16 +120,16 @@ class EvaluationRow(_Row):
     contacts: int  # control steps in which arms touched each other
     commit: str  # git commit of the code, with a + where it was changed since, or its version
     schema: int = SCHEMA
-    shield: bool = False  # whether a shield stood between policies and arms
-    interventions: int = 0  # control steps in which it kept an arm from the command of its policy
-    observation: str = "pictures"  # or state: the policy was told the true poses
-    disturbance_rad: float = 0.0  # of the demonstrations it learnt from
-    recipe: str = "paper"  # how it learnt, see conf/policy
+    shield: bool = False  # whether a shield was between policies and arms
+    interventions: int = 0  # control steps in which the shield kept an arm from its policy's command
+    observation: str = "pictures"  # or state: the policies were given the true poses
+    disturbance_rad: float = 0.0  # of the demonstrations that the policies learnt from
+    recipe: str = "paper"  # of training, see conf/policy
     core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
     queries: int = 0  # proposals that the expert was asked for to correct them
     account: Account = field(default_factory=Account)  # which arms touched or overlapped, and what failed
-    variation: str = UNVARIED  # of the scenes; `recipe` has that of learning
-    drawn: dict = field(default_factory=dict, hash=False)  # of it, in this scene
+    variation: str = UNVARIED  # of the scenes; `recipe` has that of the demonstrations
+    drawn: dict = field(default_factory=dict, hash=False)  # values drawn from it for this scene
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -147,14 +146,14 @@ class EvaluationRow(_Row):
 
     @property
     def final(self) -> bool:
-        """Whether it is of the scenes on which nothing was ever chosen."""
+        """Whether the scene is a final one, by which nothing was ever chosen."""
         return self.scene_seed >= FINAL_SEED
 
     @property
     def score(self) -> float | None:
-        """How far it came, from 0 to 1, which is success; None where it was ended before it was judged.
+        """Progress of the rollout, from 0 to 1 (success); None where it was ended before it was judged.
 
-        It is in the account, so rows that are older than the score have theirs.
+        It is computed from the account, so rows that are older than the score have one too.
         """
         if self.success:
             return 1.0
@@ -162,7 +161,7 @@ class EvaluationRow(_Row):
 
     @property
     def learned_on(self) -> str:
-        """The variation of the demonstrations, which recipes name: RECIPE+VARIATION+daggerROUNDS."""
+        """The variation of the demonstrations, from the name of the recipe: RECIPE+VARIATION+daggerROUNDS."""
         named = [part for part in self.recipe.split("+")[1:] if not _ROUNDS.fullmatch(part)]
         return "+".join(named) if named and self.arch != FOREIGN.name else UNVARIED
 
@@ -172,7 +171,7 @@ K = TypeVar("K")
 
 
 def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
-    """The rows by what `key` says of each, groups in the order of their first rows."""
+    """The rows grouped by `key`, groups in the order of their first rows."""
     groups: dict[K, list[R]] = {}
     for row in rows:
         groups.setdefault(key(row), []).append(row)
@@ -180,7 +179,7 @@ def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
 
 
 def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
-    """Add one row, as `append_line` adds a line. Raises StageError."""
+    """Appends one row by `append_line`. Raises StageError."""
     values = {**plain(row), REASON: row.reason}
     text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
     try:
@@ -193,7 +192,7 @@ def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
 
 
 def read_lines_of(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
-    """The rows of a file of lines, as they were written, and a note about an unfinished last line, or "".
+    """The rows of a .jsonl file, in their order, and a note about an unfinished last line, or "".
 
     Raises StageError naming file and line of a bad row.
     """
@@ -217,7 +216,7 @@ def read_lines_of(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
 def newest(rows: Iterable[R]) -> tuple[tuple[R, ...], str]:
     """The rows of the newest version of the success criteria, and a note that names the rest.
 
-    Versions are compared as people do: 2 before 10, 1.9 before 1.10.
+    Versions are compared part by part as numbers: 2 before 10, 1.9 before 1.10.
     """
     by_version = grouped(rows, lambda row: row.version)
     if not by_version:
@@ -239,7 +238,7 @@ def _checksum(values: Mapping[str, Any]) -> str:
 
 
 def _parse(line: bytes, kind: type[R]) -> R:
-    """Raises ValueError or ArgumentError for anything but exactly the keys of a row, undamaged."""
+    """The row of a line. Raises ValueError or ArgumentError unless intact, with exactly the keys of a row."""
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError(f"found {type(value).__name__}, expected an object")
@@ -257,9 +256,9 @@ def _parse(line: bytes, kind: type[R]) -> R:
 
 
 def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
-    """The row of plain values, with or without the sentence for people.
+    """The row of plain values, with or without `reason`.
 
-    Raises ArgumentError for values of another schema, or that are none of such a row.
+    Raises ArgumentError for values of another schema or another kind of row.
     """
     expect_schema(values)
     known = {name: value for name, value in values.items() if name != REASON}
@@ -270,7 +269,7 @@ def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
 
 
 def restored_parts(values: dict[str, Any]) -> dict[str, Any]:
-    """The accounts and dialogues among plain values of a row, which are taken out of them."""
+    """The accounts and dialogues among plain values of a row, removed from `values`."""
     kinds = {"account": Account, "dialogue": Dialogue}
     return {name: restored(kind, values.pop(name)) for name, kind in kinds.items() if name in values}
 

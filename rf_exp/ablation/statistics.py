@@ -1,4 +1,4 @@
-"""Intervals for what the tables report: rates, differences of rates, means.
+"""Confidence intervals of figures in the tables: rates, differences of rates, means.
 
 Small samples are the rule here (20 scenes, 100 scenes), so proportions use Wilson's score interval
 and Newcombe's method 10 for differences, which stay inside [0, 1] and keep their coverage near the
@@ -62,9 +62,9 @@ def difference(a: Estimate, b: Estimate) -> Estimate:
 
 @dataclass(frozen=True)
 class Paired:
-    """A difference of two rates over the same scenes, and how likely one as large is by chance."""
+    """A difference of two rates over the same scenes, and the probability of one as large by chance."""
 
-    estimate: Estimate  # `n` are pairs
+    estimate: Estimate  # `n` counts pairs
     p: float  # two-sided
 
 
@@ -72,8 +72,8 @@ def paired(pairs: Sequence[tuple[bool, bool]]) -> Paired:
     """The difference of the rates of first and second, where each pair is one scene, tried both ways.
 
     The interval is Newcombe's method 10 for pairs (Statistics in Medicine 17:2635-2650): Wilson's intervals
-    of both rates, put together by how much the two go together. `p` is of McNemar's exact test: of the pairs
-    that differ, half are expected to differ either way. Raises ArgumentError where there are no pairs.
+    of both rates, combined by their correlation. `p` is of McNemar's exact test: half of the pairs that
+    differ are expected to differ either way. Raises ArgumentError without pairs.
     """
     if not pairs:
         raise ArgumentError("a paired difference without pairs; expected at least one scene tried both ways")
@@ -96,7 +96,7 @@ def paired(pairs: Sequence[tuple[bool, bool]]) -> Paired:
 
 
 def _correlation(both: int, first: int, second: int, neither: int) -> float:
-    """Phi of a table of two by two, with the correction for continuity of method 10; 0 where it has none."""
+    """Phi coefficient of a 2 x 2 table, with the continuity correction of method 10; 0 where undefined."""
     product = (both + first) * (second + neither) * (both + second) * (first + neither)
     if not product:
         return 0.0

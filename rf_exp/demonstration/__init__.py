@@ -1,4 +1,4 @@
-"""One episode on a page: constraints, check code and verdicts in each phase (paper, supplementary A)."""
+"""Page about one episode: constraints, check code and verdicts in each phase (paper, supplementary A)."""
 
 import lazy_loader
 

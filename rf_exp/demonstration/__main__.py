@@ -1,4 +1,4 @@
-"""One episode on a page, with its recording (paper, figure of RoboChecker at work).
+"""Writes a page about one episode, with its recording (paper, figure of RoboChecker at work).
 
 python -m rf_exp.demonstration                       Take Photo
 python -m rf_exp.demonstration task=lift_barrier     any other task
@@ -14,12 +14,12 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
 
-SEEDS = 20  # tried for one success
+SEEDS = 20  # tried until one succeeds
 
 
 @composed("demonstration")
 def main(config: DictConfig) -> None:
-    """A page for every chosen task, of the first seed that succeeds."""
+    """Writes a page for every chosen task, about the first seed that succeeds."""
     experiment = read_experiment(settled(config))
     if len(experiment.constraint_sets) != 1:
         names = ", ".join(row.name for row in experiment.constraint_sets)

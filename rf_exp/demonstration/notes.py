@@ -1,4 +1,4 @@
-"""What is noted down while an episode is made: rounds, their phases, and what was checked."""
+"""Notes about an episode, taken while it is made: rounds, their phases, and results of checks."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -20,38 +20,38 @@ from rf_exp.types import CONTROL_DT_S, Scene, Subgoal, spans
 from rf_exp.viz.figures import coordination, lanes
 from rf_exp.viz.text import CheckResult
 
-TOGETHER_STEPS = 10  # subgoals that begin within half a second begin together
+TOGETHER_STEPS = 10  # subgoals that begin within half a second form one phase
 
 Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
 
 
 @dataclass
 class Phase:
-    """From the moment some subgoals begin until the next ones do."""
+    """The time from the beginning of some subgoals to that of the next ones."""
 
     begins_s: float  # since the start of the episode
     goals: tuple[Subgoal, ...]
     reached: bool = False
-    picture: Picture | None = None  # when it begins
+    picture: Picture | None = None  # at its beginning
 
 
 @dataclass
 class Round:
-    """One proposal and what came of it."""
+    """One proposal and its outcome."""
 
     begins_s: float  # since the start of the episode
-    answer: str = ""  # RoboBrain's, as it came
+    answer: str = ""  # RoboBrain's, verbatim
     proposal: Proposal | None = None
     code: CheckCode | None = None  # None: not understood
-    results: tuple[CheckResult, ...] = ()  # of the checks before anything moved
-    measured: dict[str, CheckResult] = field(default_factory=dict)  # check code -> on the real state
+    results: tuple[CheckResult, ...] = ()  # of the checks on the plan, before any motion
+    measured: dict[str, CheckResult] = field(default_factory=dict)  # check code -> result on the real state
     phases: tuple[Phase, ...] = ()
     figures: dict[str, Picture] = field(default_factory=dict)
     violation: Violation | None = None
 
 
 class Notes:
-    """An observer of the generation loop, and the brain that it asks, overheard."""
+    """Observer of the generation loop, and wrapper of its brain that notes the answers."""
 
     def __init__(self, task: Task, brain: Brain) -> None:
         self._task, self._brain = task, brain
@@ -60,7 +60,7 @@ class Notes:
         self.rounds: list[Round] = []
 
     def answer(self, question: Question) -> str:
-        if self._checked is not None:  # what the last step of its plan has led to
+        if self._checked is not None:  # the scene after the last step of its plan
             self._measure(self._checked, question.scene, self.rounds[-1])
         self._checked = None
         now = Round(question.scene.step * CONTROL_DT_S)
@@ -68,13 +68,13 @@ class Notes:
         now.answer = answer = self._brain.answer(question)
         try:
             proposal = from_json(answer, self._task)
-        except BadAnswer:  # the loop says so itself, as a violation
+        except BadAnswer:  # the loop reports it as a violation
             return answer
         if not proposal.subgoals:
             self.rounds.pop()  # there is nothing left to do
             return answer
         now.proposal = proposal
-        with suppress(ArgumentError):  # not understood, as the loop says too
+        with suppress(ArgumentError):  # not understood, which the loop reports too
             now.code = compile(proposal.constraints, self._task, proposal)
         return answer
 
@@ -104,7 +104,7 @@ class Notes:
         self._measure(self._checked, scene, now)
 
     def _measure(self, checked: CheckedPlan, scene: Scene, now: Round) -> None:
-        """The logical checks on the real state; of those that say more than once the worst."""
+        """Runs the logical checks on the real state; keeps of each the worst result, or the first failure."""
         for check in checked.checks:
             evidence = check.measured(scene, checked.plan) if check.kind == "logical" else None
             if evidence is None:
@@ -115,7 +115,7 @@ class Notes:
 
 
 class Together:
-    """Several observers as one."""
+    """Observer that forwards to several observers."""
 
     def __init__(self, *observers: Observer) -> None:
         self._observers = observers
@@ -134,9 +134,9 @@ class Together:
 
 
 def phases(plan: Planned, begins_s: float) -> tuple[Phase, ...]:
-    """The subgoals of a plan in groups that begin together, in the order of their beginning.
+    """The phases of a plan: its subgoals in groups that begin together, in the order of their beginning.
 
-    `begins_s` is when the plan begins, on the clock of the episode.
+    `begins_s` is the beginning of the plan since the start of the episode.
     """
     begins: list[tuple[int, Subgoal]] = []
     for trajectory in plan.trajectories:

@@ -1,6 +1,6 @@
-"""A demonstration as a page with its pictures and formulas; templates/page.md says how it reads.
+"""Page about a demonstration, with pictures and formulas, from templates/page.md.
 
-The same as HTML has anchors, by which its parts are reached from the top.
+As HTML it has anchors, to which links at the top lead.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ FIGURES = {
 def specified(checked: CheckedPlan, execution: Execution) -> dict[str, Any]:
     """The active checks of an executed plan, as plain JSON values: formulas, robustness, and signals (T,).
 
-    Robustness is null where nothing was judged; `holds` as well where rtamt is not installed.
+    Robustness is null where nothing was judged; without rtamt so is `holds`.
     """
     checks = []
     for check in checked.checks:
@@ -73,9 +73,9 @@ def write_page(
     plans: Sequence[Mapping[str, Any]],
     end: Picture | None,
 ) -> None:
-    """Writes `path` (.md) of a success, as .html too, and a folder of the same name with the pictures.
+    """Writes the page of a success to `path` (.md), as .html too, and its pictures to a folder of that name.
 
-    `plans`: of each round that was executed what it is in signal temporal logic.
+    `plans`: what `specified` gives for each executed round.
     """
     folder = path.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +112,7 @@ def write_page(
 
 
 def webpage(page: str) -> str:
-    """The page with its pictures beside it. What others say on it is escaped before it comes here."""
+    """The page as HTML, with pictures beside it. External text in `page` has to be escaped already."""
     tokens = READER.parse(page)
     title, parts = "", []
     for heading, content in pairwise(tokens):
@@ -129,7 +129,7 @@ def webpage(page: str) -> str:
 def _round(
     folder: Path, number: int, made: Round, feedback: Violation | None, constraint_set: ConstraintSet
 ) -> dict[str, Any]:
-    """A round, with what is to be said about it."""
+    """A round as values for the template."""
     names = {name: f"round-{number}-{name}.png" for name in made.figures}
     drawn = [_picture(folder, names[key], made.figures[key], FIGURES[key]) for key in names]
     reached = [phase for phase in made.phases if phase.reached]
@@ -145,7 +145,7 @@ def _round(
 
 
 def _formulas(checks: Sequence[Mapping[str, Any]]) -> Markdown:
-    """A table: each check in signal temporal logic, with its robustness."""
+    """Table of the checks in signal temporal logic, with their robustness."""
     rows: list[tuple[str, ...]] = []
     for check in checks:
         name = code(check["check"])
@@ -165,9 +165,9 @@ def _judged(formula: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _stated(made: Round, constraint_set: ConstraintSet) -> list[tuple[Statement, Markdown]]:
-    """Each constraint as RoboBrain stated it, beside the check that RoboChecker made of it.
+    """Each constraint as RoboBrain stated it, with the check that RoboChecker made of it.
 
-    What the set switches off is marked: nothing holds the plan to it.
+    Those that the set switches off are marked, as the plan need not satisfy them.
     """
     stated = made.proposal.constraints if made.proposal is not None else ()
     if made.code is None:
@@ -180,12 +180,12 @@ def _stated(made: Round, constraint_set: ConstraintSet) -> list[tuple[Statement,
 
 
 def _phase(folder: Path, of: int, index: int, phase: Phase, made: Round) -> dict[str, Any]:
-    """A phase, with the checks that are decided in it; its number is of its round and of its own."""
+    """A phase with the checks that are decided in it; its number is `<round>.<phase>`."""
     later = made.phases[index + 1 :]
     begins_s, ends_s = phase.begins_s if index else -inf, later[0].begins_s if later else inf
 
     def within(results: Iterable[CheckResult]) -> list[CheckResult]:
-        """The checks that are decided in this phase; the first one and the last one take all beyond."""
+        """The checks decided in this phase; the first phase has all earlier ones too, the last all later."""
         return [each for each in results if begins_s <= each.time_s < ends_s]
 
     number = f"{of}.{index + 1}"
@@ -200,7 +200,7 @@ def _phase(folder: Path, of: int, index: int, phase: Phase, made: Round) -> dict
 
 
 def _picture(folder: Path, name: str, picture: Picture | None, caption: str) -> Markdown | None:
-    """The picture as a file in the folder, and as the page shows it."""
+    """Writes the picture to the folder; returns its Markdown."""
     if picture is None:
         return None
     _, data = cv2.imencode(Path(name).suffix, picture[..., ::-1])

@@ -1,4 +1,4 @@
-"""The episode of a seed, made, noted and written: page, recording and certificate."""
+"""Makes the episode of a seed and writes its page, recording and certificate."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from rf_exp.types import CONTROL_DT_S, Pictures
 
 
 def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
-    """Makes the episode of a seed; of a success `<task>-<seed>.html`, `.md`, `.rrd`, `.json` in `folder`."""
+    """Makes the episode of a seed. Writes a success to `<task>-<seed>.html`, .md, .rrd, .json in `folder`."""
     task, constraint_set = settings.task, settings.constraint_set
     world, trace = shared_simulator(task, pictures), Trace()
     notes = Notes(task, settings.make_brain(seed))

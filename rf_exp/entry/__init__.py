@@ -1,4 +1,4 @@
-"""The console script `rf-exp`: the experiment, or the command that the first word names.
+"""The console script `rf-exp`: runs the experiment, or the command named by the first argument.
 
 rf-exp task=lift_barrier    as python -m rf_exp.run task=lift_barrier
 rf-exp doctor               as python -m rf_exp.doctor
@@ -14,9 +14,9 @@ COMMANDS = ("client", "compose", "data", "demonstration", "doctor", "gallery", "
 
 
 def main() -> int:
-    """Runs what the arguments name; its exit code."""
+    """Runs the command that the arguments name; its exit code."""
     if sys.argv[1:] and sys.argv[1] in COMMANDS:
-        # Nothing else is imported for it: the doctor also speaks where packages are missing.
+        # Nothing else is imported for it: the doctor also works where packages are missing.
         runpy.run_module(f"rf_exp.{sys.argv.pop(1)}", run_name="__main__", alter_sys=True)
         return 0
     if sys.argv[1:] and (meant := get_close_matches(sys.argv[1], COMMANDS, 1, 0.7)):

@@ -1,8 +1,8 @@
-"""What fills space and how near it comes: convex pieces, the planning scene, exact clearance, occupancy.
+"""Collision geometry: convex pieces, planning scene, exact clearance, occupancy.
 
-Arms and objects are convex `Piece`s. The `PlanningScene` of a task makes `Swept` bodies of them, with allowed
-contacts. `closer_than` gives the coordination diagram of two of these, `nearest` and `overlap` their
-distance. World frame, metres.
+Arms and objects consist of convex `Piece`s. The `PlanningScene` of a task combines them to `Swept` bodies
+with allowed contacts. `closer_than` returns the coordination diagram of two bodies, `nearest` and `overlap`
+their distance. World frame, metres.
 """
 
 import lazy_loader

@@ -1,11 +1,11 @@
-"""How near bodies come to one another: exact distances, and coordination diagrams.
+"""Clearance: exact distances of bodies, and coordination diagrams.
 
-The diagram of two bodies along their paths says which pairs of positions come closer than a margin. It is
-found coarse to fine. One exact distance (coal) in the middle of a block of the diagram says far more than
-its one cell. Along the direction of that distance the two pieces come no nearer than they move along it,
-and the two nearest points, carried along with the pieces, never are nearer than the pieces. What neither
-bound settles is split. Where pieces overlap deeply, spheres inside them say so without any distance.
-Nothing is sampled away: every cell is settled by a bound or exactly.
+The coordination diagram of two bodies along their paths marks the pairs of positions at which they are closer
+than a margin. It is computed coarse to fine. One exact distance (coal), in the middle of a block of the
+diagram, bounds the distance in the whole block: from below, because along its direction the two pieces
+approach by no more than they move along it; from above, by the two nearest points carried along with the
+pieces. Blocks that neither bound settles are split. Deep overlaps are found without a distance, by spheres
+inside the pieces. Nothing is sampled: every cell is settled by a bound or exactly.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,22 +19,22 @@ from scipy.spatial.distance import cdist
 
 from rf_exp.geometry.swept import CORE_SPHERES, FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
 
-SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
-ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
-BLOCK = 32  # positions on the side of the first blocks
-SAME_M = 1e-6  # between where a thing is left and where it is taken from there
-DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
+SLACK_M = 1e-4  # for coal's tolerance; in doubt, cells count as too close
+ASKEW_M = 2.5e-4  # gap along coal's direction may be smaller than its distance: 0.17 mm at most in 120,000
+BLOCK = 32  # side of the initial blocks, in positions
+SAME_M = 1e-6  # tolerance between the release and the pick-up pose of a handed-over object
+DOUBT = 0.2  # times the margin: cells with an upper bound this close above it are forbidden without refining
 
-Pair = tuple[int, int, Mask, Mask]  # pieces that must keep apart where both masks, (P,) and (Q,), hold
-Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
+Pair = tuple[int, int, Mask, Mask]  # pieces that must keep apart where both masks, (P,) and (Q,), are True
+Parts = tuple[Indices, Floats]  # (M, 3) open items, (M,) sort key in m, deepest first
 
 _REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
-_NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
+_NORMAL = _RESULT.normal  # a view: coal writes every normal here
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """The closest pair of pieces of two bodies that must keep apart; infinitely far where there is none."""
+    """The closest pieces of two bodies, among those that must keep apart; infinite distance for none."""
 
     distance_m: float = np.inf  # negative: penetration depth
     a: str = ""
@@ -43,7 +43,7 @@ class Nearest:
 
 
 def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
-    """When a link or object of one body must keep apart from one of the other, worked out once for both."""
+    """Returns a function from labels of a and b to masks (P,), (Q,) of the cells in which they keep apart."""
     always_a, always_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
     never_a, never_b = ~always_a, ~always_b
 
@@ -51,13 +51,13 @@ def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
     def when(x: str, y: str) -> list[tuple[Mask, Mask]]:
         if x == y and x in a.objects and y in b.objects:
             return []
-        if x in a.objects and y in b.objects:  # two things lying on the table are nobody's concern
+        if x in a.objects and y in b.objects:  # two objects at rest need not keep apart
             rows, columns = ~a.rests.get(y, never_a), ~b.rests.get(x, never_b)
             moves_a, moves_b = a.carried.get(x, never_a), b.carried.get(y, never_b)
             found = [(rows & moves_a, columns)] if (rows & moves_a).any() else []
             found += [(rows & ~moves_a, columns & moves_b)] if (columns & moves_b).any() else []
             return real(x, y, found)
-        # Between two that hold one thing it is no obstacle: it goes with both of them.
+        # An object that both agents hold is no obstacle to either: it moves with both.
         rows, columns = always_a, always_b
         if y in b.objects:
             rows = ~(a.touches if x in a.gripper else a.holds).get(y, never_a)
@@ -66,7 +66,7 @@ def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
         return real(x, y, [(rows, columns)] if rows.any() and columns.any() else [])
 
     def real(x: str, y: str, parts: list[tuple[Mask, Mask]]) -> list[tuple[Mask, Mask]]:
-        """The parts in which things that go from one body to the other are where these have them."""
+        """The parts restricted to cells in which handed-over objects are where the bodies have them."""
         for some in (_handed_over(a, b, x), [(rows, columns) for columns, rows in _handed_over(b, a, y)]):
             if some:
                 both = ((rows & more, columns & others) for rows, columns in parts for more, others in some)
@@ -77,10 +77,10 @@ def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
 
 
 def _handed_over(one: Swept, other: Swept, name: str) -> list[tuple[Mask, Mask]]:
-    """When a thing that both bodies carry is where `one` has it; empty: always.
+    """Masks of the cells in which an object that both bodies carry is where `one` has it; empty: all cells.
 
-    What the other one leaves for it is not there before, and what it leaves for the other not once that has
-    taken it.
+    An object that `other` hands over is there only after its release, one that `one` hands over only until
+    `other` takes it.
     """
     mine, theirs = one.carried.get(name), other.carried.get(name)
     if name not in one.objects or mine is None or theirs is None:
@@ -97,13 +97,13 @@ def _handed_over(one: Swept, other: Swept, name: str) -> list[tuple[Mask, Mask]]
 
 
 def apart_now(a: Swept, b: Swept) -> Callable[[str, str], bool]:
-    """Whether a link or object of one body must keep apart from one of the other at first."""
+    """Returns whether two labels, of a and of b, must keep apart at the first positions."""
     apart = _apart(a, b)
     return lambda x, y: any(rows[0] and columns[0] for rows, columns in apart(x, y))
 
 
 def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
-    """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
+    """Exact distances (M,), directions a to b (M, 3), nearest points of a (M, 3), in the block middles."""
     distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
     looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
     distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
@@ -116,11 +116,11 @@ def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[F
 
 
 def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
-    """The smallest exact distance of the pairs that must keep apart, over cells `at` (T, 2), or all."""
+    """The closest pieces that must keep apart, by exact distance, over cells `at` (T, 2) or all cells."""
     at = np.unique(np.argwhere(np.ones((len(a), len(b)))) if at is None else at, axis=0)
     centres_a, centres_b = (body.centres[at[:, k]].transpose(2, 1, 0) for k, body in enumerate((a, b)))
     x, y, z = centres_a[:, :, None] - centres_b[:, None]
-    # (La, Lb, T) bounds, at first by the spheres round pieces; negative where these overlap
+    # (La, Lb, T) lower bounds, initially from bounding spheres; negative where these overlap
     gaps = np.sqrt(x * x + y * y + z * z) - (a.radii_m[:, None] + b.radii_m)[..., None]
     best = Nearest()
     if not gaps.size:
@@ -129,7 +129,7 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
 
     @cache
     def idle(x: str, y: str) -> NDArray[np.int64]:
-        """The cells at which they may touch."""
+        """The cells in which two labels may touch."""
         apply = [rows[at[:, 0]] & columns[at[:, 1]] for rows, columns in apart(x, y)]
         return np.flatnonzero(~np.any(apply, axis=0)) if apply else np.arange(len(at))
 
@@ -146,7 +146,7 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
         distance_m = exact_m(a, b, row, column, i, j)
         if distance_m < best.distance_m:
             best = Nearest(distance_m, a.labels[i], b.labels[j], (row, column))
-        # What is known of two pieces at one cell bounds them at all others, by how far they move until there.
+        # The distance in one cell bounds that in all others, by the travel of both pieces in between.
         moved_m = np.abs(moved_a[i] - moved_a[i, cell]) + np.abs(moved_b[j] - moved_b[j, cell])
         np.maximum(gaps[i, j], distance_m - moved_m - SLACK_M - ASKEW_M, out=gaps[i, j])
         gaps[i, j, cell] = np.inf
@@ -157,14 +157,14 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
 def overlap(a: Swept, b: Swept) -> Nearest | None:
     """The deepest overlap of two bodies at their first positions; None when they do not touch.
 
-    Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
+    Distance zero is contact: coal returns it where it cannot distinguish a touch from an overlap.
     """
     found = nearest(a, b, np.zeros((1, 2), dtype=int))
     return found if found.distance_m <= 0 else None
 
 
 def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
-    """(P,) True where two pieces of one body that may not touch (index pairs) overlap."""
+    """Mask (P,), True where a pair of pieces of one body (index pairs) that must not touch overlaps."""
     first, second = np.array(pairs).T
     gaps = np.linalg.norm(body.centres[:, first] - body.centres[:, second], axis=-1)  # (P, pairs)
     near = gaps < body.radii_m[first] + body.radii_m[second]
@@ -175,7 +175,7 @@ def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
 
 
 def exact_m(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
-    """The exact distance of piece i of one body and piece j of another at positions; below 0: depth."""
+    """The exact distance of piece i of a and piece j of b at path positions; negative: penetration depth."""
     _RESULT.clear()
     return coal.distance(
         a.pieces[i].shape, a.placed(row, i), b.pieces[j].shape, b.placed(column, j), _REQUEST, _RESULT
@@ -186,14 +186,14 @@ def exact_m(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
 
 
 def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) -> Mask:
-    """The coordination diagram (P, Q): True where the bodies come closer than the margin.
+    """The coordination diagram (P, Q): True where the bodies are closer than the margin.
 
-    With `between`, a cell also keeps half of what both bodies move to the neighbouring positions
-    free. Two free neighbours then prove that the motion between them keeps the margin as well:
-    along it the distance is at least (d0 + d1 - moved) / 2.
+    With `between`, half of the motion of both bodies to the neighbouring positions is added to the
+    margin of a cell. Two free neighbours then prove that the motion between them keeps the margin as
+    well: along it the distance is at least (d0 + d1 - moved) / 2.
 
-    A free cell keeps all of that. A forbidden one lacks some of it, or has less than `DOUBT` of the margin
-    to spare.
+    Free cells keep the required distance. Forbidden cells do not, or exceed it by less than `DOUBT` times
+    the margin.
     """
     apart = _apart(a, b)
     pairs = [
@@ -213,7 +213,7 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
         first = np.zeros(len(todo), dtype=bool)
         first[np.unique(todo[:, 1] * len(y) + todo[:, 2], return_index=True)[1]] = True
         left = []
-        for some in (todo[first], todo[~first]):  # the first pair of a block may settle it for the others too
+        for some in (todo[first], todo[~first]):  # the first pair of a block may settle all of it
             some = diagram.open_blocks(some, x, y)
             if len(some):
                 left.append(diagram.settle(some, x, y))
@@ -226,7 +226,7 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
 
 
 def _near(a: Swept, b: Swept, margin_m: float, between: bool) -> list[list[int]]:
-    """[i, j] of the pieces that may forbid a cell. Of bodies that both move all: blocks tell sooner."""
+    """Pairs [i, j] of pieces that may forbid a cell. All pairs where both bodies move: blocks are faster."""
     if min(len(a), len(b)) > 1:
         return [[i, j] for i in range(len(a.pieces)) for j in range(len(b.pieces))]
     if not (a.pieces and b.pieces):
@@ -241,7 +241,7 @@ def _near(a: Swept, b: Swept, margin_m: float, between: bool) -> list[list[int]]
 
 
 class _Diagram:
-    """A diagram in the making. What is to do: (M, 3) pair of pieces, block of rows, block of columns."""
+    """Coordination diagram under construction. Open items `todo` (M, 3): pair, block row, block column."""
 
     def __init__(self, a: Swept, b: Swept, pairs: Sequence[Pair], margin_m: float) -> None:
         self.margin_m = margin_m
@@ -252,11 +252,11 @@ class _Diagram:
         self.columns = np.zeros((len(pairs), columns), dtype=bool)
         self.rows[:, : len(a)] = in_rows
         self.columns[:, : len(b)] = in_columns
-        self.forbidden = np.ones((rows, columns), dtype=bool)  # beyond the ends nothing is left to find
+        self.forbidden = np.ones((rows, columns), dtype=bool)  # padding beyond the ends is settled
         self.forbidden[: len(a), : len(b)] = False
 
     def meeting(self, x: Blocks, y: Blocks) -> Indices:
-        """Where the spheres round pieces meet, and those that cover them along the line of their centres."""
+        """Open items whose bounding spheres, and covers along the line of centres, are within the margin."""
         gaps = cdist(x.centres.reshape(-1, 3), y.centres.reshape(-1, 3))
         gaps -= x.reach_m.reshape(-1, 1) + y.reach_m.reshape(-1)
         gaps = gaps.reshape(len(x), len(x.body.pieces), len(y), len(y.body.pieces))
@@ -279,11 +279,11 @@ class _Diagram:
         return todo[near[np.argsort(gaps[pair[near], r[near], c[near]], kind="stable")]]
 
     def open_blocks(self, todo: Indices, x: Blocks, y: Blocks) -> Indices:
-        """What is not forbidden altogether."""
+        """The items with a cell that is not forbidden yet."""
         return todo[~self._cells(todo, x, y).all(axis=(1, 2))]
 
     def pierce(self, todo: Indices, x: Blocks, y: Blocks) -> None:
-        """Forbids cells in which spheres inside the pieces come too close: most of them need no distance."""
+        """Forbids cells in which inner spheres of the pieces are too close; most need no distance then."""
         todo = self.open_blocks(todo, x, y)
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
@@ -297,11 +297,11 @@ class _Diagram:
         self._forbid(todo, (most < self.margin_m) & self._concerned(todo, x.size, y.size))
 
     def settle(self, todo: Indices, x: Blocks, y: Blocks) -> Parts:
-        """Settles parts of blocks, or cells of fine ones, by bounds; returns the parts that stay open."""
+        """Settles parts of blocks, or cells of fine blocks, by bounds; returns the parts that stay open."""
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
         distance, normal, point_a = look(x, y, todo, i, j)
-        # bounds on what the pieces have beyond what they keep free
+        # bounds on the distance of the pieces, less the added motion
         advance = x.advance_m(i, r, normal)[:, :, None] + y.advance_m(j, c, -normal)[:, None]
         least = distance[:, None, None] - advance
         most = distance[:, None, None] + x.surplus_m[i, r][:, :, None] + y.surplus_m[j, c][:, None]
@@ -312,7 +312,7 @@ class _Diagram:
             self._forbid(parts, self._concerned(parts, x.size // x.parts, y.size // y.parts))
             return _parts(todo, open_ & ~closer, least + most, x, y)
         most = np.fmin(most, self._carried_m(todo, x, y, distance, normal, point_a))
-        if x.size == y.size == 1:  # exact, also where coal has no direction to give
+        if x.size == y.size == 1:  # exact, also where coal returns no direction
             open_ = ~(most >= self.margin_m + SLACK_M)
         open_ &= self._concerned(todo, x.size, y.size)
         self._forbid(todo, open_ & (most < self.margin_m + max(SLACK_M, DOUBT * self.margin_m)))
@@ -322,21 +322,21 @@ class _Diagram:
     def _carried_m(
         self, todo: Indices, x: Blocks, y: Blocks, distance: Floats, normal: Floats, point_a: Floats
     ) -> Floats:
-        """(M, S, S) distance of the two nearest points carried with their pieces, less what is kept free."""
+        """Distances (M, S, S) of the nearest points, carried with their pieces, less the added motion."""
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
-        inside = np.minimum(distance, 0)[:, None] / 2  # where pieces overlap: a point of both
+        inside = np.minimum(distance, 0)[:, None] / 2  # for an overlap: a point of both pieces
         points_a = x.carry(i, r, point_a + inside * normal)
         points_b = y.carry(j, c, point_a + (distance[:, None] - inside) * normal)
         return _apart_m(points_a, points_b) - x.need_m[i, r][:, :, None] - y.need_m[j, c][:, None]
 
     def _cells(self, todo: Indices, x: Blocks, y: Blocks) -> Mask:
-        """(M, S, S) which cells of the blocks are forbidden by now."""
+        """Mask (M, S, S) of the cells of the blocks that are forbidden so far."""
         blocks = self.forbidden.reshape(-1, x.size, self.forbidden.shape[1] // y.size, y.size)
         return blocks[todo[:, 1], :, todo[:, 2]]
 
     def _concerned(self, todo: Indices, height: int, width: int) -> Mask:
-        """(M, height, width) the cells of blocks in which their pair of pieces has to keep apart."""
+        """Mask (M, height, width) of the cells of blocks in which their pair of pieces must keep apart."""
         pair, r, c = todo.T
         rows = self.rows.reshape(len(self.rows), -1, height)[pair, r]
         columns = self.columns.reshape(len(self.columns), -1, width)[pair, c]
@@ -350,7 +350,7 @@ class _Diagram:
 
 
 def _parts(todo: Indices, open_: Mask, gap: Floats, x: Blocks, y: Blocks) -> Parts:
-    """The parts of blocks in which `open_` (M, bounds, bounds) is set, and their gaps."""
+    """The parts of blocks in which `open_` (M, bounds, bounds) is True, and their gaps."""
     height, width = x.bounds // x.parts, y.bounds // y.parts
     parts = np.zeros((len(todo), x.parts, y.parts), dtype=bool)
     k, row, column = np.nonzero(open_)
@@ -362,7 +362,7 @@ def _parts(todo: Indices, open_: Mask, gap: Floats, x: Blocks, y: Blocks) -> Par
 
 
 def _apart_m(a: Floats, b: Floats) -> Floats:
-    """(M, S, S) distances of points (M, 3, S)."""
+    """Distances (M, S, S) of points (M, 3, S)."""
     origin = a[:, :, :1]
     a, b = a - origin, b - origin
     squared = -2 * a.swapaxes(1, 2) @ b

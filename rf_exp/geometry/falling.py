@@ -1,4 +1,4 @@
-"""Where a thing comes to rest that is let go over another: straight below, on the part there."""
+"""Rest pose of an object dropped into another: straight below, on the part there."""
 
 from collections.abc import Mapping
 
@@ -10,10 +10,10 @@ from rf_exp.types import Subgoal
 
 
 def fallen(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matrix]) -> Matrix:
-    """world_from_object of what a subgoal lets go at a pose, once it has fallen.
+    """world_from_object (4, 4) of the object that a subgoal releases at a pose, after its fall.
 
-    That pose itself unless the subgoal drops it into an object that is below, whose pose is one of `poses`. A
-    thing keeps its turn, and lies on the highest part of that object below its middle.
+    The pose itself unless the subgoal drops the object into another one, with its pose in `poses`, that is
+    below. The object keeps its orientation, and comes to rest on the highest part below its origin.
     """
     name, target = subgoal.object or "", subgoal.target or ""
     if subgoal.verb != "place" or target not in task.objects:

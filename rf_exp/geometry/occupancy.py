@@ -1,8 +1,8 @@
-"""3-D occupancy in 5 cm voxels (paper, section 3.2), filled from volume, never from joint points.
+"""3-D occupancy in 5 cm voxels (paper, section 3.2), filled from volumes, not from joint positions.
 
-A voxel counts as occupied unless a face of the piece or its bounding box separates the two. Every
-voxel that the piece really enters is therefore in; a few that it just misses at an edge are, too.
-Two bodies that touch share a voxel. World frame; voxel k spans [k, k + 1) * `voxel_m` on each axis.
+A voxel is occupied unless a face of the piece or its bounding box separates the two. This includes
+every voxel that the piece enters, and a few that it misses narrowly at an edge. Two bodies that touch
+share a voxel. World frame; voxel k spans [k, k + 1) * `voxel_m` on each axis.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from rf_exp.geometry.swept import Mask, Piece, Swept
 from rf_exp.transforms import Matrix, apply
 
 VOXEL_M = 0.05
-SPAN = 1 << 20  # voxels along an axis that can be told apart
+SPAN = 1 << 20  # distinct voxel indices along an axis
 HALF_SPAN = SPAN // 2
 
 Voxels = NDArray[np.int64]  # (K, 3)
@@ -31,31 +31,31 @@ def fill(piece: Piece, pose: Matrix, voxel_m: float = VOXEL_M) -> Voxels:
 
 
 def voxels(body: Swept, position: int = 0, voxel_m: float = VOXEL_M) -> Voxels:
-    """Voxels (K, 3) of a body at one path position, without repeats, in lexical order."""
+    """Voxels (K, 3) of a body at one path position, unique, in lexical order."""
     placed = zip(body.pieces, body.poses[position], strict=True)
     filled = [_keys(fill(piece, pose, voxel_m)) for piece, pose in placed]
     return _of_keys(np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *filled])))
 
 
 def centres_m(occupied: Voxels) -> NDArray[np.float64]:
-    """(K, 3) world positions of the middles of voxels."""
+    """World positions (K, 3) of the centres of voxels, for the default `VOXEL_M`."""
     return (occupied.astype(np.float64) + 0.5) * VOXEL_M
 
 
 def shared(a: Voxels, b: Voxels) -> Voxels:
-    """(K, 3) voxels that are in both, without repeats, in lexical order."""
+    """Voxels (K, 3) that are in both, unique, in lexical order."""
     return _of_keys(np.intersect1d(_keys(a), _keys(b)))
 
 
 def among(occupied: Voxels, others: Voxels) -> Mask:
-    """(K,) True for voxels that others (L, 3) hold as well."""
+    """Mask (K,), True for voxels that are also in `others` (L, 3)."""
     return np.isin(_keys(occupied), _keys(others))
 
 
 def beside(occupied: Voxels, body: Swept, margin_m: float) -> Mask:
-    """(K,) True for voxels nearer than a margin to a body at its first path position.
+    """Mask (K,), True for voxels closer than a margin to a body at its first path position.
 
-    As in `fill` only faces and bounding boxes are asked, so at an edge it is a little more than the margin.
+    As in `fill`, only faces and bounding boxes are tested, so at edges the margin is slightly larger.
     """
     near = np.zeros(len(occupied), dtype=bool)
     low, high = occupied * VOXEL_M - margin_m, (occupied + 1) * VOXEL_M + margin_m
@@ -70,13 +70,13 @@ def beside(occupied: Voxels, body: Swept, margin_m: float) -> Mask:
 
 
 def _faces(piece: Piece, pose: Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(F, 3) normals and (F,) offsets of a piece at a pose, as `Piece.planes`."""
+    """Normals (F, 3) and offsets (F,) of the faces of a piece at a pose, as in `Piece.planes`."""
     normals = piece.planes[:, :3] @ pose[:3, :3].T
     return normals, piece.planes[:, 3] - normals @ pose[:3, 3]
 
 
 def _keys(occupied: Voxels) -> NDArray[np.int64]:
-    """(K,) one number for each voxel, in lexical order: rows of numbers are slow to sort and compare."""
+    """One integer per voxel (K,), in lexical order: rows are slow to sort and compare."""
     x, y, z = (occupied + HALF_SPAN).T
     return (x * SPAN + y) * SPAN + z
 

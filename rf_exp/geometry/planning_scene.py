@@ -1,5 +1,5 @@
-"""What fills space, as `Swept` bodies: an arm along joint positions, an agent along its trajectory with what
-it moves, and the objects that nobody moves. World frame, metres, radians.
+"""Planning scene: arms along joint positions, agents along trajectories with the objects that they move, and
+static objects, as `Swept` bodies. World frame, metres, radians.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
@@ -20,14 +20,14 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import FINGERS, Scene, Segment, Trajectory, arm_of, fingers_of, gripper_of
 
 AGENT_MARGIN_M = 0.01  # between two arms: tracking errors of both
-OBJECT_MARGIN_M = 0.003  # between an arm and what it may not touch
+OBJECT_MARGIN_M = 0.003  # between an arm and objects that it may not touch
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
-RESTS_M = 0.005  # things this near to one another lie on or against one another
+RESTS_M = 0.005  # objects closer than this lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
 
 
 class PlanningScene:
-    """The arms and objects of a task as they stand in a measured scene."""
+    """Arms and objects of a task in a measured scene. Raises ArgumentError for unknown attached objects."""
 
     def __init__(self, task: Task, scene: Scene, trajectories: Sequence[Trajectory] = ()) -> None:
         self.task, self.scene = task, scene
@@ -52,8 +52,9 @@ class PlanningScene:
     ) -> Swept:
         """An arm at joint positions (P, D) rad and metres, or (P, dof) with open fingers.
 
-        `attached` is an object that moves with the TCP; `touches` names objects that the gripper, and the
-        attached object, may touch; without it what the agent holds in the scene.
+        `attached` is an object that moves with the TCP; `touches` are objects that the gripper and the
+        attached object may touch, by default the object that the agent holds in the scene. Raises
+        ArgumentError for an attached object without `tcp_from_object`.
         """
         qpos, arm = np.atleast_2d(qpos), self.arms[agent - 1]
         if qpos.shape[1] == arm.robot.dof:
@@ -70,15 +71,15 @@ class PlanningScene:
     def measured(
         self, agent: int, *, attached: str | None = None, touches: Iterable[str] | None = None
     ) -> Swept:
-        """An arm as it stands in the scene (P = 1); an object that is `attached` is where it was measured."""
+        """An arm as measured in the scene (P = 1), with an `attached` object at its measured pose."""
         moved = {} if attached is None else {attached: self.scene.poses[attached][None]}
         return self._holding(agent, self.links[agent - 1][None], moved, touches)
 
     def along(self, trajectory: Trajectory) -> Swept:
-        """An agent along its trajectory, with every object it moves.
+        """An agent along its trajectory, with every object that it moves.
 
-        Path position p lies in the segment that ends at or after p. An object stands where it is taken
-        up until it is carried, and where it is released afterwards, so that it blocks others there.
+        Path position p lies in the segment that ends at or after p. An object is at its pick-up pose until
+        it is carried, and at its release pose afterwards, so that it blocks others there.
         """
         agent, path = trajectory.agent, trajectory.path()
         arm = self.arms[agent - 1]
@@ -93,20 +94,20 @@ class PlanningScene:
             for segment, begin, end in trajectory.intervals:
                 if segment.attached != name:
                     continue
-                if not mask.any():  # where the scene has it, or where another agent has put it
+                if not mask.any():  # pose in the scene, or where another agent has put it
                     pushed = segment.opened_rad is not None
                     poses[:] = self.scene.poses[name] if pushed else self.attached(segment, tcp[begin])
                 mask[begin : end + 1] = True
                 poses[begin + 1 : end + 1] = self.attached(segment, tcp[begin + 1 : end + 1])
                 poses[end:] = poses[end]
-                # Once the fingers are open: until then it counts as carried.
+                # It falls when the fingers are open, and counts as carried until then.
                 opened = next((knot for knot in trajectory.knots if knot > end), len(poses))
                 poses[opened:] = fallen(self.task, segment.subgoal, poses[end], self.scene.poses)
             moved[name], carried[name] = poses, mask
         touches = self._during(trajectory, lambda segment: segment.touches | {segment.attached})
         holds = dict(carried)
         held = self.scene.held[agent - 1]
-        if held is not None:  # until the end of the segment that lets go
+        if held is not None:  # until the end of the releasing segment
             opens = (end for segment, _, end in trajectory.intervals if (segment.gripper > 0).any())
             gripped = np.arange(len(path)) <= next(opens, len(trajectory))
             holds[held] = holds.get(held, gripped) | gripped
@@ -118,7 +119,11 @@ class PlanningScene:
     def attached(
         self, segment: Segment, tcp: NDArray[np.float64], rows: slice | int = slice(None)
     ) -> NDArray[np.float64]:
-        """(..., 4, 4) world_from_object of what a segment moves, in steps with the TCP at (..., 4, 4)."""
+        """world_from_object (..., 4, 4) of the object that a segment moves, for TCP poses (..., 4, 4).
+
+        `rows` are the corresponding rows of `opened_rad`. Raises ArgumentError for a segment without
+        `tcp_from_object`.
+        """
         if segment.attached is not None and segment.opened_rad is not None:
             return self.task.hung(segment.attached, self.scene.poses, segment.opened_rad[rows])
         if segment.tcp_from_object is None:
@@ -129,7 +134,7 @@ class PlanningScene:
         return tcp @ segment.tcp_from_object
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
-        """Things as they stand in the scene (P = 1); without names, those nobody moves, and clutter."""
+        """Objects at their poses in the scene (P = 1); by default clutter and objects that no agent moves."""
         if names is None:
             names = [name for name in (*self.task.objects, *self.task.clutter) if name not in self.moved]
         found = [(piece, name) for name in names for piece in asset_pieces(self._asset(name))]
@@ -140,18 +145,18 @@ class PlanningScene:
     # questions
 
     def between(self, a: int, b: int) -> Nearest:
-        """The exact distance of two arms as they stand in the scene."""
+        """The exact distance of two arms as measured in the scene."""
         return nearest(self.measured(a), self.measured(b))
 
     @staticmethod
     def below_table(body: Swept) -> Mask:
-        """(P,) True where a link other than the bolted base, or something carried, is inside the table."""
+        """Mask (P,), True where a link other than the base, or a carried object, is inside the table."""
         return lowest_m(body) < TABLE_MARGIN_M
 
     # parts
 
     def _pose(self, name: str) -> Matrix:
-        """Of clutter where the seed has put it, unless it has been measured since."""
+        """Pose of an object or a piece of clutter; clutter that was not measured is at its initial pose."""
         if name in self.task.clutter:
             return self.scene.clutter.get(name, self.task.clutter[name].world_from_object)
         return self.scene.poses[name]
@@ -177,7 +182,7 @@ class PlanningScene:
         moved: Mapping[str, NDArray[np.float64]],
         touches: Iterable[str] | None,
     ) -> Swept:
-        """A body whose gripper has hold of what moves with it, for as long as it goes."""
+        """A body that holds everything that moves with it, at all positions."""
         held = self.scene.held[agent - 1] if touches is None else None
         everywhere = np.ones(len(links), dtype=bool)
         carried = {name: everywhere for name in moved}
@@ -213,7 +218,7 @@ class PlanningScene:
         )
 
     def _during(self, trajectory: Trajectory, names: Callable[[Segment], Set[str | None]]) -> dict[str, Mask]:
-        """Object -> (P,) True in segments that name it; a knot between two segments belongs to both."""
+        """Object -> (P,) True in segments whose `names` include it; a knot belongs to both segments."""
         found = {name: np.zeros(len(trajectory) + 1, dtype=bool) for name in self.task.objects}
         for segment, begin, end in trajectory.intervals:
             for name in found.keys() & names(segment):
@@ -221,7 +226,7 @@ class PlanningScene:
         return found
 
     def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """(P,) of each finger. Never narrower than it really is while the fingers close."""
+        """Opening (P,) of each finger; never less than the real one while the fingers close."""
         hand = self.arms[trajectory.agent - 1].robot.hand
         opening = hand.opening_m(gripper_of(trajectory.path()))
         for segment, begin, end in trajectory.intervals:
@@ -232,7 +237,7 @@ class PlanningScene:
         return maximum_filter1d(opening, CLOSING_STEPS + 1, origin=CLOSING_STEPS // 2, mode="nearest")
 
     def _grip_m(self, trajectory: Trajectory, name: str) -> float:
-        """Half of the width between fingers that hold an object."""
+        """Opening in m of each finger that holds an object."""
         agent = trajectory.agent
         if self.scene.held[agent - 1] == name:
             return float(fingers_of(self.scene.qpos[agent - 1]).max())
@@ -249,14 +254,14 @@ class PlanningScene:
         moved: Mapping[str, NDArray[np.float64]],
         carried: Mapping[str, Mask],
     ) -> dict[str, Mask]:
-        """What carried objects may touch: what a segment names, and what they lie on at either end.
+        """Allowed contacts of carried objects: what a segment names, and what they lie on at either end.
 
-        A lid may scrape the pot while the segment that lifts it off runs, a cube the cube it is set on.
+        A lid may scrape the pot during the segment that lifts it off, a cube the cube that it is placed on.
         """
         rests = self._during(trajectory, lambda segment: segment.touches)
         knots = np.array(trajectory.knots)
         for name, poses in moved.items():
-            # What another agent moves will not lie there any more; if it is the place, its segment names it.
+            # Objects that agents move may be gone by then; if one is the target, the segment names it.
             others = [other for other in self.task.objects if other != name and other not in self.moved]
             places = np.flatnonzero(carried[name])
             thing, mask = self.standing([name]), {name: np.ones(1, dtype=bool)}

@@ -1,7 +1,7 @@
-"""Overlaps of measured arms in scenes that follow one another, looked for only where there may be some.
+"""Incremental overlap test of measured arms over successive scenes.
 
-Of each pair of arms a lower bound on the distance of every two pieces is kept from when it was last looked
-at; what the pieces have moved since is taken off. While all bounds stay above zero the pair cannot overlap.
+For each pair of arms, lower bounds on the distance of every two pieces are kept from the last exact test,
+and the motion of the pieces since then is subtracted. While all bounds are positive, the pair cannot overlap.
 """
 
 from collections.abc import Callable
@@ -20,40 +20,40 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import placed
 from rf_exp.types import Scene
 
-NEAR_M = 0.1  # from spheres that are nearer the distance of two pieces is measured exactly
+NEAR_M = 0.1  # pieces with bounding spheres closer than this are measured exactly
 
 Load = str | None
-Touches = Callable[[int], frozenset[str]]  # agent -> what its gripper, and what it holds, may touch
+Touches = Callable[[int], frozenset[str]]  # agent -> objects that its gripper and its load may touch
 EMPTY: tuple[Load, ...] = (None, None)
 NOTHING = (frozenset[str](), frozenset[str]())
 
 
 @dataclass(frozen=True)
 class _Looked:
-    """What is known of a pair since it was looked at."""
+    """Result of the last exact test of a pair of arms."""
 
     loads: tuple[Load, ...]
-    may: tuple[frozenset[str], ...]  # touch
-    bounds_m: NDArray[np.float64]  # (La, Lb) of the distance of two pieces; infinite: they may touch
-    until_m: float  # both have to have moved in all before any bound may be used up
-    moved_m: tuple[NDArray[np.float64], NDArray[np.float64]]  # how far pieces (La,), (Lb,) had moved in all
+    may: tuple[frozenset[str], ...]  # allowed contacts of each arm
+    bounds_m: NDArray[np.float64]  # (La, Lb), see `_bounds_m`
+    until_m: float  # total travel of both arms below which all bounds stay positive
+    moved_m: tuple[NDArray[np.float64], NDArray[np.float64]]  # (La,), (Lb,) total travel of pieces by then
 
 
 def loads_of(scene: Scene, pair: tuple[int, int]) -> tuple[Load, ...]:
-    """What two arms hold that is an obstacle to the other one; what they hold together is none."""
+    """Objects held by two arms that are obstacles to the other arm; an object held by both is none."""
     held = scene.held[pair[0] - 1], scene.held[pair[1] - 1]
     return held if held[0] != held[1] else EMPTY
 
 
 def may_of(pair: tuple[int, int], loads: tuple[Load, ...], touches: Touches) -> tuple[frozenset[str], ...]:
-    """What they may touch; links must always keep apart, so that nothing matters where both are empty."""
+    """Allowed contacts of two arms; empty for arms without loads, as links must always keep apart."""
     return NOTHING if loads == EMPTY else (touches(pair[0]), touches(pair[1]))
 
 
 def measured_pair(
     planning_scene: PlanningScene, pair: tuple[int, int], touches: Touches
 ) -> tuple[Swept, Swept]:
-    """Two measured arms, each with what it holds."""
+    """Two measured arms, each with its load."""
     loads = loads_of(planning_scene.scene, pair)
     one, other = (
         planning_scene.measured(agent, attached=load, touches=may)
@@ -63,9 +63,9 @@ def measured_pair(
 
 
 class Separation:
-    """Answers as `overlap` does of two measured arms, scene after scene, at a fraction of the cost.
+    """Incremental `overlap` of two measured arms over successive scenes, at a fraction of its cost.
 
-    The order of scenes is free; those that follow one another closely are quick.
+    Scenes may come in any order; it is fast when successive scenes differ little.
     """
 
     def __init__(self, task: Task) -> None:
@@ -75,17 +75,17 @@ class Separation:
         arms = [np.stack([piece.corners for piece in arm_pieces(arm.robot)]) for arm in task.arms.values()]
         self._names = [name for name in task.objects if asset_pieces(task.asset(name))]
         boxes = [trimesh.bounds.corners(task.asset(name).bounds_m) for name in self._names]
-        # (B, 8, 3) of all bodies: the links of one arm after the other, then the objects.
+        # (B, 8, 3) bounding-box corners: the links of each arm in turn, then the objects.
         self._boxes = np.concatenate([*arms, np.array(boxes).reshape(-1, 8, 3)])
         ends = np.cumsum([0, *map(len, arms)]).tolist()
         self._rows = [slice(*each) for each in pairwise(ends)]
         self._objects = {name: ends[-1] + k for k, name in enumerate(self._names)}
         self._corners = np.zeros_like(self._boxes)
-        self._moved_m = np.zeros(len(self._boxes))  # since the first scene, each step as a straight line
-        self._farthest_m = [0.0] * len(arms)  # the same of each arm with what it holds: of its fastest piece
+        self._moved_m = np.zeros(len(self._boxes))  # total travel since the first scene, in straight steps
+        self._farthest_m = [0.0] * len(arms)  # the same, per arm: of its fastest piece or load in each step
 
     def overlap(self, scene: Scene, pair: tuple[int, int], touches: Touches) -> Nearest | None:
-        """The deepest overlap of two arms, with what they hold, as they stand; None where there is none."""
+        """The deepest overlap of two arms with their loads in a scene; None where there is none."""
         planning_scene = self._seen(scene)
         loads = loads_of(scene, pair)
         may = may_of(pair, loads, touches)
@@ -104,14 +104,14 @@ class Separation:
         bounds_m = _bounds_m(*bodies)
         if bounds_m.min() <= 0 and (found := overlap(*bodies)) is not None:
             return found
-        if {*loads} <= {None, *self._objects}:  # of others nobody notes how they move
+        if {*loads} <= {None, *self._objects}:  # the travel of other loads is not tracked
             one, other = (self._of(*each) for each in zip(pair, loads, strict=True))
             until_m = self._of_both(pair) + float(bounds_m.min())
             self._looked[pair] = _Looked(loads, may, bounds_m, until_m, (one, other))
         return None
 
     def _seen(self, scene: Scene) -> PlanningScene:
-        """Notes how far everything has moved since the last scene."""
+        """The planning scene of a new scene; adds the travel since the last scene to the totals."""
         before = self._now
         if before is not None and before.scene is scene:
             return before
@@ -132,7 +132,7 @@ class Separation:
         return self._farthest_m[pair[0] - 1] + self._farthest_m[pair[1] - 1]
 
     def _of(self, agent: int, load: Load) -> NDArray[np.float64]:
-        """How far the pieces of an arm, in the order of its body, and of its load have moved in all."""
+        """Total travel of the pieces of an arm and its load, in the order of its body."""
         links = self._moved_m[self._rows[agent - 1]]
         mounted = self._task.robots[agent - 1].mounted
         more: list[NDArray[np.float64]] = []
@@ -147,7 +147,7 @@ class Separation:
 
 
 def _bounds_m(a: Swept, b: Swept) -> NDArray[np.float64]:
-    """(La, Lb) lower bounds on the distances of pieces that must keep apart; infinite for others."""
+    """Lower bounds (La, Lb) on the distances of pieces; infinite for near pieces that may touch."""
     gaps = cdist(a.centres[0], b.centres[0]) - a.radii_m[:, None] - b.radii_m
     apart = apart_now(a, b)
     for i, j in np.argwhere(gaps < NEAR_M).tolist():

@@ -1,8 +1,8 @@
-"""Convex pieces, what every link and object is made of for the checks, and bodies of them along paths.
+"""Convex pieces of links and objects, and bodies of pieces along paths.
 
-A piece carries its exact convex shape (coal), a conservative cover of spheres for the first look and its face
-planes for filling voxels. A body has a pose of each of its pieces at every path position; cut into blocks of
-positions it has bounds on how far they move within one, from which `closer_than` finds coordination diagrams.
+A piece has its exact convex shape (coal), a conservative sphere cover for the broad phase and its face planes
+for filling voxels. A body has a pose of each of its pieces at every path position. Its blocks of positions
+bound how far pieces move within a block; `closer_than` computes coordination diagrams from these bounds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,14 +22,14 @@ from rf_exp.transforms import placed
 COVER_RADIUS_M = 0.06  # spheres of a cover are split until they are smaller than this
 COVER_SPHERES = 8  # or until there are this many
 CORE_SPHERES = 4
-CORE_DEPTHS = (0.0, 0.2, 0.35, 0.5, 0.65)  # of the way from the middle to the vertices: where they may be
-PARTS = 4  # into so many a side is cut where a block stays open
-FINE_BLOCK = 8  # from this size on, every cell of a block has its own bounds
-PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
+CORE_DEPTHS = (0.0, 0.2, 0.35, 0.5, 0.65)  # candidate centres: fractions of the way from middle to vertices
+PARTS = 4  # per side, when an open block is split
+FINE_BLOCK = 8  # blocks of at most this size have bounds per cell
+PRESSED_M = 0.001  # a load may lie on the table, but penetrate it by no more than this
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-Floats = NDArray[np.floating]  # 32 bits: enough for lengths that `SLACK_M` covers, and twice as fast
+Floats = NDArray[np.floating]  # 32 bits: precise enough given `SLACK_M`, and twice as fast
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,8 @@ class Piece:
     corners: NDArray[np.float64]  # (8, 3) of the bounding box
     centre: NDArray[np.float64]  # (3,) of the bounding sphere
     radius_m: float
-    cover: NDArray[np.float64]  # (COVER_SPHERES, 4): centre and radius; the last ones repeat the first
-    core: NDArray[np.float64]  # (CORE_SPHERES, 4): centre and radius of spheres inside
+    cover: NDArray[np.float64]  # (COVER_SPHERES, 4): centre and radius; padded with the first
+    core: NDArray[np.float64]  # (CORE_SPHERES, 4): centre and radius of inner spheres
     shape: coal.Convex
 
     @staticmethod
@@ -66,7 +66,7 @@ class Piece:
 
 
 def enclosing_sphere(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """A small sphere that holds all points (K, 3): centre and radius (Badoiu and Clarkson's steps)."""
+    """Centre and radius of a small sphere that contains all points (K, 3), by Badoiu and Clarkson's steps."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     for step in range(1, 60):
         farthest = points[np.argmax(np.sum((points - centre) ** 2, axis=1))]
@@ -75,10 +75,10 @@ def enclosing_sphere(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 def cover(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Spheres (COVER_SPHERES, 4) whose union holds the convex hull of the vertices.
+    """Spheres (COVER_SPHERES, 4) whose union contains the convex hull of the vertices.
 
-    The hull is cut by planes into convex cells; the sphere round the corners of a convex cell holds
-    the cell, so no part of the hull is left out.
+    The hull is cut by planes into convex cells. A sphere around the corners of a convex cell contains
+    the cell, so the whole hull is covered.
     """
     cells = [vertices]
     spheres = [enclosing_sphere(vertices)]
@@ -95,7 +95,7 @@ def cover(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def core(vertices: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Spheres (CORE_SPHERES, 4) inside the convex hull: the largest one, then those that stick out."""
+    """Spheres (CORE_SPHERES, 4) inside the convex hull: the largest one, then those that protrude most."""
     middle = vertices.mean(axis=0)
     centres = np.concatenate([middle + depth * (vertices - middle) for depth in CORE_DEPTHS])
     radii = -np.max(centres @ planes[:, :3].T + planes[:, 3], axis=1)
@@ -140,9 +140,9 @@ def arm_pieces(robot: Robot) -> tuple[Piece, ...]:
     return tuple(Piece.of(hulls[link]) for link in robot.links)
 
 
-@lru_cache(maxsize=1024)  # scenes that are read bring assets of their own, each time
+@lru_cache(maxsize=1024)  # bounded: every third-party scene that is read has assets of its own
 def asset_pieces(asset: Asset) -> tuple[Piece, ...]:
-    """The pieces of an asset, in its frame. None for a mark on the table, which nothing can touch."""
+    """The pieces of an asset, in its frame; none for a mark on the table, which has no collision shapes."""
     return tuple(Piece.of(hull) for hull in asset.hulls)
 
 
@@ -154,58 +154,58 @@ class Swept:
     labels: tuple[str, ...]  # (L,) link or object that each piece belongs to
     poses: NDArray[np.float64]  # (P, L, 4, 4) world_from_piece
     objects: frozenset[str] = frozenset()  # the labels that are objects
-    carried: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it moves with the hand
+    carried: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it moves with the gripper
     touches: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) the gripper may touch it
-    rests: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) what is carried may touch it
+    rests: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) carried objects may touch it
     holds: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it is in the gripper
-    gripper: frozenset[str] = frozenset()  # the labels that may touch
-    base: str | None = None  # the label that is bolted to the table
+    gripper: frozenset[str] = frozenset()  # the labels of the gripper's links
+    base: str | None = None  # the label of the robot's base
 
     def __len__(self) -> int:
         return len(self.poses)
 
     @cached_property
     def radii_m(self) -> NDArray[np.float64]:
-        """(L,) of the sphere round each piece."""
+        """Radii (L,) of the bounding spheres of the pieces."""
         return np.array([piece.radius_m for piece in self.pieces])
 
     @cached_property
     def centres(self) -> NDArray[np.float64]:
-        """(P, L, 3) of the sphere round each piece."""
+        """Centres (P, L, 3) of the bounding spheres of the pieces."""
         local = np.array([piece.centre for piece in self.pieces]).reshape(-1, 3)
         return np.einsum("plij,lj->pli", self.poses[..., :3, :3], local) + self.poses[..., :3, 3]
 
     @cached_property
     def by_row(self) -> NDArray[np.float64]:
-        """(L, 3, P, 4) the poses without their last rows, so that one product places a piece everywhere."""
+        """Poses (L, 3, P, 4) without last rows, so that one product places a piece at all positions."""
         return np.ascontiguousarray(self.poses[..., :3, :].transpose(1, 2, 0, 3))
 
     @cached_property
     def core(self) -> NDArray[np.float64]:
-        """(L, 3, P, K) centres of the spheres inside the pieces."""
+        """Centres (L, 3, P, K) of the inner spheres of the pieces."""
         return self._moved(np.array([piece.core[:, :3] for piece in self.pieces]))
 
     @cached_property
     def step_m(self) -> NDArray[np.float64]:
-        """(P - 1, L) bound on how far any point of a piece moves from one position to the next."""
+        """Bound (P - 1, L) on how far any point of a piece moves from one position to the next."""
         step = np.diff(self._moved(np.array([piece.corners for piece in self.pieces])), axis=2)
         return np.sqrt(np.max(np.sum(step**2, axis=1), axis=-1)).T
 
     @cached_property
     def travelled_m(self) -> NDArray[np.float64]:
-        """(P, L) the sum of `step_m` up to each position."""
+        """Sum (P, L) of `step_m` up to each position."""
         return np.concatenate([np.zeros((1, len(self.pieces))), np.cumsum(self.step_m, axis=0)])
 
     @cached_property
     def turned_m(self) -> NDArray[np.float64]:
-        """(P, L) as `travelled_m`, with the centre of the sphere round the piece held still."""
+        """As `travelled_m` (P, L), for the motion relative to the centre of the bounding sphere."""
         delta = np.diff(self.poses[..., :3, :3], axis=0)
         step = np.sqrt(np.sum(delta**2, axis=(2, 3)) / 2) * self.radii_m  # |R - 1| is 1/sqrt(2) of Frobenius'
         return np.concatenate([np.zeros((1, len(self.pieces))), np.cumsum(step, axis=0)])
 
     @cached_property
     def stride_m(self) -> NDArray[np.float64]:
-        """(P, L) the longer one of the two steps beside each position."""
+        """The larger (P, L) of the two steps adjacent to each position."""
         step = self.step_m
         edge = np.zeros((1, len(self.pieces)))
         return np.maximum(np.concatenate([edge, step]), np.concatenate([step, edge]))
@@ -217,7 +217,7 @@ class Swept:
         return replace(self, pieces=pieces, labels=labels, poses=self.poses[:, of])
 
     def _moved(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(L, 3, P, K) where points (L, K, 3) of the pieces go."""
+        """Positions (L, 3, P, K) of points (L, K, 3) of the pieces along the path."""
         turned = self.by_row[..., :3].reshape(len(points), -1, 3) @ points.swapaxes(1, 2)
         return turned.reshape(*self.by_row.shape[:3], -1) + self.by_row[..., 3:]
 
@@ -230,7 +230,7 @@ class Swept:
         return {}
 
     def blocks(self, size: int, between: bool) -> "Blocks":
-        """The positions cut into blocks of a size (a power of two); a single one is a block of one."""
+        """The positions in blocks of a size (a power of two); a single position is a block of size one."""
         key = size if len(self) > 1 else 1, between
         if key not in self._cuts:
             self._cuts[key] = Blocks(self, *key)
@@ -248,7 +248,7 @@ class Swept:
 
 
 def joined(bodies: Sequence[Swept]) -> Swept:
-    """Bodies at as many positions each, as one: arms that hold nothing, or things that stand."""
+    """One body of several with equal numbers of positions: arms without loads, or static objects."""
     return Swept(
         tuple(piece for body in bodies for piece in body.pieces),
         tuple(label for body in bodies for label in body.labels),
@@ -259,7 +259,7 @@ def joined(bodies: Sequence[Swept]) -> Swept:
 
 
 class _Placed(dict[int, coal.Transform3s]):
-    """coal's transforms of poses (P, L, 4, 4), counted through, each of them made when it is asked for."""
+    """Lazy coal transforms of poses (P, L, 4, 4), by flat index over P x L."""
 
     def __init__(self, poses: NDArray[np.float64]) -> None:
         super().__init__()
@@ -272,18 +272,18 @@ class _Placed(dict[int, coal.Transform3s]):
 
 
 class Blocks:
-    """A body cut into B blocks of S path positions; the last one is filled up with the last position."""
+    """A body in B blocks of S path positions; the last block is padded with the last position."""
 
     def __init__(self, body: Swept, size: int, between: bool) -> None:
         self.body, self.size = body, size
         self.parts = min(PARTS, size)
         self.fine = size <= FINE_BLOCK
-        self.bounds = size if self.fine else self.parts  # so many a side
+        self.bounds = size if self.fine else self.parts  # per side of a block
         begin = np.arange(0, len(body), size)
         self.rows = np.minimum(begin[:, None] + np.arange(size), len(body) - 1)  # (B, S)
         self.middle = (self.rows[:, 0] + self.rows[:, -1]) // 2
         self.need_m = self._spread(body.stride_m / 2 if between else np.zeros_like(body.stride_m))
-        # (L, B, bounds) the most that a piece travels beyond what it has to keep free
+        # (L, B, bounds) largest travel of a piece from the middle, less the motion added by `between`
         self.surplus_m = self._most(np.abs(self._since_middle(body.travelled_m)) - self.need_m)
 
     def __len__(self) -> int:
@@ -291,24 +291,24 @@ class Blocks:
 
     @cached_property
     def centres(self) -> NDArray[np.float64]:
-        """(B, L, 3) in the middles of the blocks."""
+        """Centres (B, L, 3) of bounding spheres, in the middles of the blocks."""
         return self.body.centres[self.middle]
 
     @cached_property
     def reach_m(self) -> NDArray[np.float64]:
-        """(B, L) of the sphere round all that a piece sweeps and has to keep free in a block."""
+        """Radii (B, L) of spheres around the volume that a piece sweeps in a block, with the added motion."""
         away = np.linalg.norm(self.body.centres[self.rows] - self.centres[:, None], axis=-1).max(axis=1)
         return away + self.body.radii_m + self.need_m.max(axis=2).T
 
     @cached_property
     def cover(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(B, L, K, 3) and (L, K) m: the spheres that cover the pieces in the middles of the blocks."""
+        """Centres (B, L, K, 3) and radii (L, K) of the sphere covers, in the middles of the blocks."""
         local = np.array([piece.cover for piece in self.body.pieces])
         return placed(self.body.poses[self.middle], local[..., :3]), local[..., 3]
 
     @cached_property
     def _sway(self) -> Floats:
-        """(L, B, S, 4) how the centre has shifted since the middle, and how far points come besides."""
+        """Shift of the centre from the middle, and bound on further motion of points: (L, B, S, 3 + 1)."""
         way = np.concatenate([self.body.centres, self.body.turned_m[..., None]], axis=2)
         sway = self._since_middle(way)
         sway[..., 3] = np.abs(sway[..., 3]) + self.need_m
@@ -316,28 +316,28 @@ class Blocks:
 
     @cached_property
     def core(self) -> Floats:
-        """(L, K, B, 3, S) centres of the spheres inside the pieces."""
+        """Centres (L, K, B, 3, S) of the inner spheres of the pieces."""
         spread = self.body.core[:, :, self.rows].transpose(0, 4, 2, 1, 3)
         return np.ascontiguousarray(spread, dtype=np.float32)
 
     @cached_property
     def core_middle(self) -> Floats:
-        """(L, B, K, 3) `core` in the middles of the blocks."""
+        """`core` in the middles of the blocks (L, B, K, 3)."""
         middle = self.body.core[:, :, self.middle].transpose(0, 2, 3, 1)
         return np.ascontiguousarray(middle, dtype=np.float32)
 
     @cached_property
     def core_m(self) -> Floats:
-        """(L, K) radii of the spheres inside the pieces."""
+        """Radii (L, K) of the inner spheres of the pieces."""
         return np.array([piece.core[:, 3] for piece in self.body.pieces], dtype=np.float32)
 
     @cached_property
     def _by_row(self) -> Floats:
-        """(L, B, 3, S, 4) poses."""
+        """Poses (L, B, 3, S, 4) without last rows."""
         return np.ascontiguousarray(self.body.by_row[:, :, self.rows].swapaxes(1, 2), dtype=np.float32)
 
     def _spread(self, values: NDArray[np.float64]) -> Floats:
-        """(P, L, ...) to (L, B, S, ...), as all that belongs to the cells of blocks."""
+        """Values (P, L, ...) per cell of the blocks (L, B, S, ...)."""
         return np.take(np.moveaxis(values, 1, 0).astype(np.float32), self.rows, axis=1)
 
     def _since_middle(self, values: NDArray[np.float64]) -> Floats:
@@ -345,15 +345,15 @@ class Blocks:
         return self._spread(values) - middle.astype(np.float32)
 
     def _most(self, values: Floats) -> Floats:
-        """(..., S) to (..., bounds)."""
+        """The largest values per bound: (..., S) to (..., bounds)."""
         return values if self.fine else values.reshape(*values.shape[:-1], self.bounds, -1).max(axis=-1)
 
     def advance_m(self, piece: Indices, block: Indices, normal: Floats) -> Floats:
-        """(M, bounds) how far pieces may come along normals (M, 3), with what they keep free."""
+        """Bounds (M, bounds) on the motion of pieces along normals (M, 3), with the added motion."""
         return self._most((self._sway[piece, block] @ _with_ones(normal))[..., 0])
 
     def carry(self, piece: Indices, block: Indices, point: Floats) -> Floats:
-        """(M, 3, S) where world points (M, 3) of pieces in the middles go."""
+        """Positions (M, 3, S), over the blocks, of world points (M, 3) fixed to pieces in the middles."""
         poses = self._by_row[piece, block]  # (M, 3, S, 4)
         middle = self.body.poses[self.middle[block], piece]
         local = (point - middle[:, :3, 3])[:, None] @ middle[:, :3, :3]
@@ -362,14 +362,14 @@ class Blocks:
 
 
 def _with_ones(vectors: Floats) -> Floats:
-    """(M, 3) to (M, 4, 1)."""
+    """Homogeneous vectors: (M, 3) to (M, 4, 1)."""
     return np.concatenate([vectors, np.ones_like(vectors[:, :1])], axis=1)[:, :, None]
 
 
 def lowest_m(body: Swept) -> NDArray[np.float64]:
-    """(P,) lowest point of what must stay above the table: all links but the bolted base, and loads.
+    """Lowest points (P,) of all links but the base, and of loads: these must stay above the table.
 
-    A load may lie on the table, so it counts as low only where it is pressed more than `PRESSED_M` in.
+    Loads may lie on the table: `PRESSED_M` is added to their height, and they count only while carried.
     """
     lowest = np.full(len(body), np.inf)
     for column, (piece, label) in enumerate(zip(body.pieces, body.labels, strict=True)):

@@ -1,6 +1,6 @@
-"""The keys that a configuration may have, and arguments before Hydra reads them.
+"""Configuration keys that are known, and checks of the command line before Hydra reads it.
 
-Any other key would be ignored, so it is refused, with its nearest.
+An unknown key would be ignored, so it is refused, with the nearest known one.
 """
 
 from rf_exp.keys.arguments import arranged, checked_folder

@@ -1,4 +1,4 @@
-"""What is said on a command line that Hydra reads, before it does: its grammar has no words for people."""
+"""Command-line arguments, checked before Hydra reads them, whose grammar errors do not help users."""
 
 import os
 import shlex
@@ -12,7 +12,7 @@ from hydra.errors import HydraException
 from rf_exp.errors import ArgumentError
 from rf_exp.installed import CONF
 
-WAYS = {"run": "--run", "multirun": "--multirun", "cfg": "--cfg", "info": "--info"}  # one of them at a time
+WAYS = {"run": "--run", "multirun": "--multirun", "cfg": "--cfg", "info": "--info"}  # mutually exclusive
 
 HOME = "in the place of ~ the shell has not put your home; write $HOME"
 
@@ -22,7 +22,7 @@ def arranged(arguments: Sequence[str]) -> list[str]:
     parser = get_args_parser()
     parser.error = _refuse_flags  # pyright: ignore[reportAttributeAccessIssue]
     given = parser.parse_intermixed_args(list(arguments))
-    if given.shell_completion:  # its words are the shell's
+    if given.shell_completion:  # its arguments come from the shell
         return list(arguments)
     ways = [flag for name, flag in WAYS.items() if getattr(given, name)]
     if len(ways) > 1:
@@ -42,7 +42,7 @@ def arranged(arguments: Sequence[str]) -> list[str]:
 
 
 def checked_folder(value: object) -> str:
-    """A folder as it is said. Raises ArgumentError for what would make one that nobody meant."""
+    """The folder as given. Raises ArgumentError for a value that would make an unintended folder."""
     if not isinstance(value, str) or not value.strip():
         raise ArgumentError(f"out is {value!r}; expected the name of a folder, in quotes if it is a number")
     for wrong, why in (
@@ -100,7 +100,7 @@ def _check(override: str) -> None:
 
 
 def _wrong(override: str) -> str | None:
-    """What Hydra says of an override, in a line; None: it reads it."""
+    """Hydra's error about an override, in one line; None if there is none."""
     try:
         OverridesParser.create().parse_override(override)
     except HydraException as error:

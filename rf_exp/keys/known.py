@@ -1,4 +1,4 @@
-"""Which keys a configuration may have, by the files of `conf/` and the dataclasses that it becomes."""
+"""Known configuration keys, from the files of `conf/` and the dataclasses that it becomes."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
@@ -10,26 +10,26 @@ from rf_exp.policy import TrainConfig, policy_keys
 from rf_exp.tasks import COUNTED, CameraSpec, Task, Variation, is_family
 from rf_exp.types import Arch, ConstraintSet
 
-RANDOMISED = ("randomisation",)  # a task has the experiment's, unless it says otherwise
+RANDOMISED = ("randomisation",)  # keys of a task that default to those of the experiment
 
 FAMILY = {"arms": dict.fromkeys(COUNTED), "things": dict.fromkeys(COUNTED), "layout": None}
 
 
 @dataclass(frozen=True)
 class Entries:
-    """Any names, each with the same keys. An entry without those of `needed` may be another one, misspelt."""
+    """A mapping of any names, each with the same keys. An entry without the `needed` ones may be misspelt."""
 
     keys: Mapping[str, Any]
     needed: frozenset[str]
     own: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # name -> keys that differ from `keys`
-    whole_by: frozenset[str] = frozenset()  # keys, each of which makes up for those that an entry lacks
+    whole_by: frozenset[str] = frozenset()  # keys, any of which replaces the needed ones
 
     def of(self, name: str) -> Mapping[str, Any]:
         """The keys of an entry."""
         return {**self.keys, **self.own.get(name, {})}
 
     def whole(self, node: Mapping[str, Any]) -> list[str]:
-        """The names of entries that lack nothing."""
+        """The names of complete entries."""
         return [
             name
             for name, entry in node.items()
@@ -38,15 +38,15 @@ class Entries:
 
 
 def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Key -> the keys below it, a mapping, Entries or a list of one of these; anything else: whatever.
+    """Key -> keys below it: a mapping, Entries or a list of one of these; anything else allows any value.
 
-    `node`, a configuration, says which brain there is, for its options; `tasks`, what the files of tasks say,
-    which thresholds and cameras each has.
+    `node`, a configuration, names the brain, which decides its options; `tasks`, the content of task files,
+    has the thresholds and cameras of each task.
     """
     found: dict[str, Any] = {}
     for path in ALWAYS:
         found |= content(path)
-    own = {  # what a task's file decides: its thresholds, and its cameras, one for each agent
+    own = {  # from the task's file: its thresholds, and its cameras, one for each agent
         name: {
             "success": dict.fromkeys(task.get("success", ())),
             "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
@@ -59,19 +59,19 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
     spec = SPECS.get(str(brain.get("name"))) if isinstance(brain, Mapping) else None
     return found | {
         "policy": policy_keys(),
-        "training": _fields(TrainConfig, "seed"),  # that is train_seed
+        "training": _fields(TrainConfig, "seed"),  # set by train_seed
         "variation": _fields(Variation),
         "evaluated": _fields(Variation),
         "task": replace(_entries(Task, "variation"), own=own, whole_by=frozenset({"layout"})),
         "arch": _entries(Arch, "name"),
         "constraints": Entries(kinds, frozenset(kinds)),
-        # A key in the place of its variable's name is refused later, in words of its own.
+        # An API key in place of the name of its variable is refused later, with a message of its own.
         "brain": spec and _fields(spec) | {"name": None, "api_key": None},
     }
 
 
 def unknown(node: Any, keys: Any, at: str = "") -> Iterator[str]:
-    """The dotted keys of a configuration that nobody reads."""
+    """Yields the unknown keys of a configuration, dotted."""
     if isinstance(keys, list) and isinstance(node, list):
         for index, each in enumerate(node):
             yield from unknown(each, keys[0], f"{at}{index}.")
@@ -88,7 +88,7 @@ def unknown(node: Any, keys: Any, at: str = "") -> Iterator[str]:
 
 
 def flat(node: Any, keys: Any, at: str = "") -> Iterator[tuple[str, Any, Iterable[str]]]:
-    """(dotted key, its value, the keys below it that are expected) of what has a value in their place."""
+    """Yields (dotted key, its value, expected keys below it) where a value replaces a mapping."""
     if isinstance(node, Mapping) and isinstance(keys, Entries):
         keys = {name: keys.of(name) for name in node}
     for key, below in keys.items() if isinstance(keys, Mapping) else ():
@@ -100,7 +100,7 @@ def flat(node: Any, keys: Any, at: str = "") -> Iterator[tuple[str, Any, Iterabl
 
 
 def absent(node: Mapping[str, Any], content: Mapping[str, Any], at: str = "") -> Iterator[str]:
-    """The dotted keys of a file that a configuration lacks, without those below them."""
+    """Yields the dotted keys of a file that a configuration lacks, without those below them."""
     for key, below in content.items():
         if key not in node:
             yield f"{at}{key}"
@@ -109,7 +109,7 @@ def absent(node: Mapping[str, Any], content: Mapping[str, Any], at: str = "") ->
 
 
 def possible(node: Any, keys: Any, at: str = "") -> Iterator[str]:
-    """The dotted keys that a configuration may have; of entries, those that are there."""
+    """Yields the dotted keys that a configuration may have; for Entries, those of the entries that it has."""
     there = node if isinstance(node, Mapping) else {}
     if isinstance(keys, list) and isinstance(node, list):
         there, keys = dict(enumerate(node)), dict.fromkeys(range(len(node)), keys[0])

@@ -1,4 +1,4 @@
-"""What is said of the keys that a configuration cannot have: the nearest ones, and where they stand."""
+"""Messages about unknown configuration keys: the nearest known ones, and the file of the unknown one."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ from omegaconf import DictConfig, OmegaConf
 from rf_exp.errors import ArgumentError
 from rf_exp.installed import CONF
 
-ALWAYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"  # of which every configuration is made
+ALWAYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"  # part of every configuration
 RENAMED: Mapping[str, str] = yaml.safe_load(Path(__file__).with_name("renamed.yaml").read_text("utf-8"))
-ALIKE = 0.65  # of 1, from here on one word may be meant by another: of three letters one may be wrong
-LISTED = 3  # keys in one sentence
+ALIKE = 0.65  # least similarity (of 1) of a suggested key: of three letters one may be wrong
+LISTED = 3  # most keys in one sentence
 
 
 @dataclass(frozen=True)
 class File:
-    """One of the files, the dotted key below which its own ones come, and these."""
+    """A configuration file, its Hydra package (dotted key that prefixes its keys), and its keys."""
 
     path: Traversable
     package: str
@@ -34,8 +34,8 @@ class File:
 
 
 def refuse_unknown_keys(config: DictConfig) -> None:
-    """Raises ArgumentError for keys that the configuration of the job that runs has too many, or lacks."""
-    from rf_exp.keys.known import absent, flat, known, possible, unknown  # slow: only where there is a job
+    """Raises ArgumentError for unknown or missing keys in the configuration of the running job."""
+    from rf_exp.keys.known import absent, flat, known, possible, unknown  # slow, and needed only by jobs
 
     node: Any = OmegaConf.to_container(config)
     keys = known(node, _own_tasks(node))
@@ -58,7 +58,7 @@ def refuse_unknown_keys(config: DictConfig) -> None:
 
 
 def _own_tasks(node: Mapping[str, Any]) -> dict[str, Any]:
-    """The tasks of a configuration as their own files have them."""
+    """The tasks of a configuration, as in their own files."""
     named = node["task"] if isinstance(node.get("task"), Mapping) else {}
     files = {name: found_file(f"task/{name}") or found_file(f"task/family/{name}") for name in named}
     return {name: content(path).get(name, {}) for name, path in files.items() if path is not None}
@@ -75,7 +75,7 @@ def _told(key: str, there: Collection[str], files: Sequence[File]) -> str:
 
 
 def nearest(key: str, possible: Iterable[str]) -> list[str]:
-    """The dotted keys that are most like one: of those that stand beside it, or else of all."""
+    """The known keys most similar to a dotted key: of those with its parent, or else of all."""
     parent, _, last = key.rpartition(".")
     ends = {other: other.rpartition(".")[2] for other in possible}
     beside = {other: end for other, end in ends.items() if other.rpartition(".")[0] == parent}
@@ -92,7 +92,7 @@ def _best(word: str, among: Mapping[str, str], least: float = ALIKE) -> list[str
 
 @cache
 def keys_of_files() -> Mapping[str, str]:
-    """Dotted key -> the choice that has it, empty for every configuration: all that `conf/` has."""
+    """All keys of `conf/`: dotted key -> the choice that has it, empty if every configuration has it."""
     found = {key: "" for path in ALWAYS for key in inner(content(path))}
     for group in ("task", "arch", "constraints", "brain"):
         for path in sorted((*(CONF / group).glob("*.yaml"), *(CONF / group / "family").glob("*.yaml"))):
@@ -103,7 +103,7 @@ def keys_of_files() -> Mapping[str, str]:
 
 
 def no_key(key: str, possible: Iterable[str], where: str = "") -> str:
-    """The sentence about a key that is not there."""
+    """The sentence about an unknown key."""
     if choice := keys_of_files().get(key):
         return f"there is no key {key!r}{where}; it comes with {choice}."
     if key in RENAMED:
@@ -113,25 +113,25 @@ def no_key(key: str, possible: Iterable[str], where: str = "") -> str:
 
 
 def not_among_files(key: str) -> str:
-    """What is said of a key that no configuration made of `conf/` alone has."""
+    """The message about a key that `conf/` does not have."""
     return f"{no_key(key, keys_of_files())} {keys_are_in()}"
 
 
 def keys_are_in() -> str:
-    """Where a person finds those that are there."""
+    """The sentence about where the known keys are listed."""
     files = " and ".join(shown(path) for path in ALWAYS)
     tasks, scenes = shown(CONF / "task"), shown(CONF / "variation" / "none.yaml")
     return f"The keys are in {files}, those of tasks in {tasks}, those of scenes that vary in {scenes}"
 
 
 def shown(path: Path) -> str:
-    """A path as people write it: from the current folder on, if it is below."""
+    """A path for messages: relative to the current folder if it is below."""
     here = Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def composed_files() -> list[File]:
-    """Those of the job that runs, later ones of which win. Hydra's own are left out."""
+    """The configuration files of the running job, without Hydra's own; later ones take precedence."""
     hydra, loader = HydraConfig.get(), GlobalHydra.instance().config_loader()
     overrides = [*hydra.overrides.hydra, *hydra.overrides.task]
     parts = loader.compute_defaults_list(hydra.job.config_name, overrides, RunMode.RUN)
@@ -145,7 +145,7 @@ def composed_files() -> list[File]:
 
 
 def found_file(choice: str) -> Traversable | None:
-    """The file of `group/name` in the first folder of Hydra's that has one."""
+    """The file of `group/name` in the first folder of Hydra's search path that has one."""
     roots = {"file": Path, "pkg": lambda path: package(path.replace("/", "."))}
     sources = HydraConfig.get().runtime.config_sources
     folders = (roots[each.schema](each.path) for each in sources if each.schema in roots)
@@ -154,13 +154,13 @@ def found_file(choice: str) -> Traversable | None:
 
 
 def content(path: Traversable) -> dict[str, Any]:
-    """What a file gives to the configuration."""
+    """The part of a file that becomes part of the configuration."""
     node: Any = OmegaConf.to_container(OmegaConf.create(path.read_text("utf-8")))
     return {key: value for key, value in node.items() if key not in ("defaults", "hydra")}
 
 
 def inner(node: Any) -> Iterator[str]:
-    """The dotted keys of a mapping, inner ones too."""
+    """Yields the dotted keys of a mapping, nested ones too."""
     for key, value in node.items() if isinstance(node, Mapping) else ():
         yield str(key)
         yield from (f"{key}.{below}" for below in inner(value))

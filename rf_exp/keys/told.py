@@ -1,4 +1,4 @@
-"""What keys mean, as `--help` tells it: the comments of conf/config.yaml, where each key has its default."""
+"""The description of the keys in `--help`: defaults and comments of conf/config.yaml."""
 
 import re
 import shutil
@@ -13,7 +13,7 @@ WIDEST = 110  # characters of a line
 
 
 def keys_told() -> str:
-    """A line for each key of the experiment with its default, and below it what it means."""
+    """One line per key of the experiment, with its default, and its meaning below."""
     text = (CONF / "config.yaml").read_text("utf-8").partition("\n\n")[2].partition("\nhydra:")[0]
     lines: list[str] = []
     for line in text.splitlines():
@@ -24,7 +24,7 @@ def keys_told() -> str:
             lines += _meaning(found["indent"], found["meaning"] or "")
         elif found := MORE.fullmatch(line):
             lines += _meaning("", found["meaning"])
-    return "\n".join(lines).replace("$", "$$")  # Hydra fills in what stands behind a single one
+    return "\n".join(lines).replace("$", "$$")  # Hydra interpolates after a single one
 
 
 def _meaning(indent: str, said: str) -> list[str]:

@@ -1,6 +1,6 @@
-"""Jobs that run elsewhere, on engines that exist: joblib's loky, Dask, Ray, and batch jobs by submitit.
+"""Jobs on external engines: joblib's loky, Dask, Ray, and batch jobs by submitit.
 
-Who runs which job when, and where, is the engine's affair.
+The engine decides when and where a job runs.
 """
 
 from rf_exp.launch.engines import HERE, Launch

@@ -1,4 +1,4 @@
-"""The engines: `launch` in conf/config.yaml, checked, and for each a function that takes jobs to it."""
+"""Engines: `launch` in conf/config.yaml, checked, and for each engine a function that connects to it."""
 
 import logging
 import os
@@ -19,21 +19,21 @@ from rf_exp.errors import ArgumentError, StageError, choices, portable
 from rf_exp.processes import end_with_parent
 from rf_exp.progress import console
 
-HERE = "processes"  # of this machine, without any engine
-IDLE_S = 300  # after which a process of loky without a job ends
-NOT_OPTIONS = {"self", "func", "args", "kwargs", "key", "pure"}  # of the parameters of Dask's Client.submit
-TIMEOUT_MIN = 240  # of a job of submitit, unless options say otherwise; its own is 5
+HERE = "processes"  # of this machine, without an engine
+IDLE_S = 300  # an idle process of loky ends after this time
+NOT_OPTIONS = {"self", "func", "args", "kwargs", "key", "pure"}  # parameters of Dask's Client.submit
+TIMEOUT_MIN = 240  # of a job of submitit, unless options set it; submitit's default is 5
 
 Job = Callable[[], Any]
 
 
 class Handle(Protocol):
-    """How a job stands that an engine has taken."""
+    """A job that was submitted to an engine."""
 
     def done(self) -> bool: ...
 
     def result(self) -> Any:
-        """Of a job that is done: what it gave, or the error it raised. Raises whatever if its worker died."""
+        """The result of a finished job, or its error as a value. Raises any error if its worker died."""
 
     def cancel(self) -> object: ...
 
@@ -42,12 +42,12 @@ Submit = Callable[[Job], Handle]
 
 
 class Engine(NamedTuple):
-    """What an engine needs; empty: nothing."""
+    """Requirements of an engine; empty: none."""
 
-    package: str = ""  # which the extra of the engine's name brings
+    package: str = ""  # installed by the extra with the engine's name
 
-    address: str = ""  # what its address is
-    network: bool = False  # whether somebody has to answer there
+    address: str = ""  # format of its address
+    network: bool = False  # whether a server has to answer there
 
 
 ENGINES = {
@@ -61,13 +61,13 @@ ENGINES = {
 
 @dataclass(frozen=True)
 class Launch:
-    """An engine and how it is reached. Raises ArgumentError for what cannot be, before any work."""
+    """An engine and how it is reached. Raises ArgumentError for invalid values, before any work."""
 
     engine: str
     address: str | None
-    shard_seeds: int  # consecutive seeds that are one job
+    shard_seeds: int  # consecutive seeds per job
     connect_s: float  # how long an engine may take to answer
-    options: Mapping[str, Any] | None = field(hash=False)  # the engine's own, of each job
+    options: Mapping[str, Any] | None = field(hash=False)  # the engine's own options for each job
 
     def __post_init__(self) -> None:
         for key in ("shard_seeds", "connect_s"):
@@ -89,13 +89,13 @@ class Launch:
 
     @property
     def said(self) -> str:
-        """The engine and where it is, for people."""
+        """The engine and its address, for messages."""
         return f"{self.engine} {self.address}" if self.address else self.engine
 
 
 def on_node(job: Job) -> Any:
-    """Where the engine runs it: what a job gives, or the error it raises, as not every engine brings it."""
-    for name in ("OMP_NUM_THREADS", "LP_NUM_THREADS"):  # jobs stand side by side: a core each
+    """Runs a job on a worker; returns its result, or its error, which not every engine transports."""
+    for name in ("OMP_NUM_THREADS", "LP_NUM_THREADS"):  # one core per job, as jobs run side by side
         os.environ.setdefault(name, "1")
     try:
         return job()
@@ -105,7 +105,7 @@ def on_node(job: Job) -> Any:
 
 @contextmanager
 def on_loky(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
-    """As many processes of this machine as jobs at a time; new ones for the next job when some died."""
+    """loky: `at_once` processes of this machine; new ones for the next job when some died."""
     from joblib.externals.loky import get_reusable_executor
 
     executor = partial(get_reusable_executor, max_workers=at_once, timeout=IDLE_S, initializer=_begin)
@@ -116,7 +116,7 @@ def on_loky(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
 
 
 def _begin() -> None:
-    """A new process: its parent speaks for it, and Ctrl-C is its parent's affair."""
+    """Initialises a process: its parent prints and handles Ctrl-C."""
     end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     console.quiet = True
@@ -124,7 +124,7 @@ def _begin() -> None:
 
 @contextmanager
 def on_dask(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
-    """A scheduler and its workers, wherever they are; certificates are those of Dask's own configuration."""
+    """Dask: a scheduler and its workers on any machines; certificates come from Dask's own configuration."""
     from distributed import Client
 
     options, possible = launch.options or {}, signature(Client.submit).parameters.keys() - NOT_OPTIONS
@@ -138,7 +138,7 @@ def on_dask(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
         where = {"scheduler_file": address}
     try:
         client = Client(**where, timeout=launch.connect_s, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:  # also of addresses and certificates
+    except (OSError, ValueError, TypeError) as error:  # also for invalid addresses and certificates
         raise StageError(
             f"launch.address={address}: no scheduler of Dask answers within {launch.connect_s:g} s "
             f"({str(error) or type(error).__name__})"
@@ -155,15 +155,15 @@ def on_dask(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
 
 
 def _with_children(job: Job) -> Any:
-    # Dask's nanny makes its workers daemonic, which may have no children. Ours, the process in which a seed
-    # has its time limit, ends with the worker.
+    # Dask's nanny makes its workers daemonic, and such processes may have no children. Our child, the process
+    # that gives a seed its time limit, ends with the worker.
     current_process()._config["daemon"] = False  # pyright: ignore
     return on_node(job)
 
 
 @contextmanager
 def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
-    """A cluster, whose nodes say how many cores they have; each job takes one."""
+    """Ray: a cluster whose nodes declare their cores; each job takes one."""
     import ray
     from ray.exceptions import RayError
 
@@ -181,7 +181,7 @@ def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
             ray.cancel(self.reference, force=True)
 
     address = str(launch.address)
-    if ":" in address:  # Ray itself tries for minutes
+    if ":" in address:  # Ray itself would retry for minutes
         host, _, port = address.rpartition("://")[2].rpartition(":")
         try:
             socket.create_connection((host, int(port)), timeout=launch.connect_s).close()
@@ -200,7 +200,7 @@ def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
     finally:
         signal.signal(signal.SIGTERM, told)  # Ray sets a handler of its own
     try:
-        try:  # another try after a worker's death is given in running.py, for all engines
+        try:  # running.py retries after a worker's death, for all engines
             remote = ray.remote(**{"num_cpus": 1, "max_retries": 0, **(launch.options or {})})(on_node)
         except (ValueError, TypeError) as error:
             raise ArgumentError(f"launch.options, of ray.remote: {error}") from error
@@ -211,10 +211,10 @@ def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
 
 @contextmanager
 def on_submitit(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
-    """A job of Slurm for each of ours; or, for a try, processes of this machine that act like it.
+    """submitit: a Slurm job for each of ours or, with the address `local`, a process of this machine.
 
-    Jobs outlive this command: only one that is told to end cancels them. Raises ArgumentError where there is
-    no Slurm, and for options that it does not have.
+    Jobs outlive this command if it is killed; if it ends otherwise, it cancels them. Raises ArgumentError
+    where there is no Slurm, and for unknown options.
     """
     from submitit import AutoExecutor
 
@@ -225,8 +225,8 @@ def on_submitit(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
         raise ArgumentError(f"launch.address={launch.address}, launch.options: {error}") from error
 
     def submit(job: Job) -> Handle:
-        # Processes end at SIGINT, by which submitit cancels them on this machine. Where this one ignores it,
-        # as in the background of a shell's script, they would ignore it as well.
+        # On this machine submitit cancels processes by SIGINT. Where this process ignores it, as in the
+        # background of a shell script, they would inherit that.
         ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN and current_thread() is main_thread()
         if ignored:
             signal.signal(signal.SIGINT, signal.SIG_DFL)

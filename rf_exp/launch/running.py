@@ -1,4 +1,4 @@
-"""Jobs on an engine: results in the order of the jobs, and another try for one whose worker died."""
+"""Jobs on an engine: results in the order of the jobs, and retries after a worker's death."""
 
 import time
 from collections import deque
@@ -11,21 +11,21 @@ from rf_exp.errors import StageError, WorkerDied
 from rf_exp.launch.engines import CONNECTED, ENGINES, Handle, Job, Launch, Submit
 from rf_exp.processes import Timeout, in_order
 
-TRIES = 3  # of a job whose worker dies
-AHEAD = 4  # jobs for each one at a time that may be begun before an earlier one is done
+TRIES = 3  # at a job whose worker dies
+AHEAD = 4  # jobs, per concurrent one, that may be begun before an earlier one is done
 LOOK_EVERY_S = 0.1
 
 
 def results(launch: Launch, jobs: Iterable[Job], at_once: int, folder: Path) -> Generator[Any, None, None]:
-    """Results of the jobs, in their order; the engine is asked for `at_once` of them at a time.
+    """Yields the results of the jobs in their order; at most `at_once` are submitted at a time.
 
-    Jobs are pickled, so they are made of what a module has by name. `folder`, which all machines see, is for
-    what the engine writes. A caller that stops early cancels the rest.
+    Jobs are pickled, so their functions have to be importable by name. `folder`, on a file system that all
+    machines share, is for files of the engine. If the caller stops early, the remaining jobs are cancelled.
 
-    Raises what a job raises, and StageError where nobody answers or a job's worker has died three times.
+    Raises what a job raises, and StageError where no engine answers or a job has lost its worker three times.
     """
     if ENGINES[launch.engine].network:
-        # Asked in a process that can be ended: clients wait for ever for one who listens and is no engine.
+        # Tried in a process that can be killed: clients wait forever for a server that is no engine.
         (answer,) = in_order([partial(_ask, launch, folder)], 1, 2 * launch.connect_s)
         if isinstance(answer, Timeout):
             raise StageError(
@@ -57,7 +57,7 @@ def _ask(launch: Launch, folder: Path) -> None:
 
 
 class _Try:
-    """A job that was given to an engine, and is given again when its worker dies."""
+    """A job submitted to an engine, and again when its worker dies."""
 
     def __init__(self, submit: Submit, job: Job) -> None:
         self._submit, self._job, self._tries = submit, job, 0
@@ -71,7 +71,7 @@ class _Try:
             return self._handle is None
         try:
             result = self._handle.result()
-        except Exception as error:  # an engine's own, of which each has many
+        except Exception as error:  # each engine has many errors of its own
             result = WorkerDied(f"{type(error).__name__}: {error}")
         if isinstance(result, WorkerDied) and self._tries < TRIES:
             self._give()

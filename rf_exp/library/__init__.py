@@ -1,6 +1,6 @@
-"""Planner and checker for anybody's ManiSkill scene of arms: read it, plan, check, schedule, execute.
+"""Planner and checker for third-party ManiSkill scenes: read, plan, check, schedule, execute.
 
-Start at `Workcell`. See docs/library.md.
+Start with `Workcell`. See docs/library.md.
 """
 
 from rf_exp.datagen import Planned

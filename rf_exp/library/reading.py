@@ -1,8 +1,8 @@
-"""A scene that was read, as the rest of the suite knows tasks: arms, objects and places, and no criteria.
+"""Task from a third-party scene: arms, objects and places, without success criteria.
 
-A body has a frame on its underside, and points where it can be taken and built upon, derived from its shape
-and from how it stands where nobody has annotated it: a grasp from above across its narrow side, a flat top as
-a place. What should be met otherwise wants points of its own.
+The frame of a body is on its underside. Interaction points are derived from its shape and its orientation: a
+grasp from above across the narrow side, and a flat top as a place. Other interactions need points given by
+the user, which take precedence.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,25 +18,25 @@ from rf_exp.tasks.assets import Asset, InteractionPoint, Part
 from rf_exp.transforms import Matrix, apply, from_axes, inverse, transform
 from rf_exp.types import Scene
 
-WIDEST_M = 0.075  # between open fingers, with a little to spare
-PALM_M = 0.03  # of a thing that may stand out above the tool centre point, below the palm
-GRIP = 0.45  # of the height of a thing: where it is taken, if the palm is not in the way
-TIP_DEG = 30.0  # that a gripper may be tipped; what touches the table then is found by the planner
+WIDEST_M = 0.075  # graspable width: opening of the fingers less a margin
+PALM_M = 0.03  # largest height of an object above the TCP, below the palm
+GRIP = 0.45  # height of the grasp, relative to the object, where the palm leaves room
+TIP_DEG = 30.0  # largest tilt of the gripper; the planner rejects contacts with the table
 SQUARE_M = 0.002  # sides that differ by less are equal
-FLAT_M = 0.001  # of a top
-FLAT_SHARE = 0.25  # of the outline from above, that a top has at least
+FLAT_M = 0.001  # tolerance of a flat top
+FLAT_SHARE = 0.25  # smallest share of the outline from above that counts as a top
 GREY = (0.5, 0.5, 0.5)
-MARK_M = 0.005  # radius of what stands for a body without a shape
+MARK_M = 0.005  # radius of the mark for a body without collision shapes
 
 Solids = Sequence[trimesh.Trimesh]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReadRobot(RobotSpec):
-    """An arm that stands anywhere, in any way."""
+    """An arm at an arbitrary base pose."""
 
     pose: Matrix  # world_from_base (4, 4)
-    on_hand: Asset | None  # a camera, say; in the frame of its link
+    on_hand: Asset | None  # mounted on the hand, such as a camera; in the frame of the hand link
 
     @property
     def world_from_base(self) -> Matrix:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -49,10 +49,10 @@ class ReadRobot(RobotSpec):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReadTask(Task):
-    """A scene with what can be said of it. When it is solved, its environment knows."""
+    """Task of a third-party scene. Success is decided by its environment."""
 
     assets: Mapping[str, Asset]
-    spots: Mapping[str, Matrix]  # named places: world_from_object (4, 4) of what is put there
+    spots: Mapping[str, Matrix]  # named places: world_from_object (4, 4) of objects placed there
 
     @staticmethod
     def of(
@@ -62,7 +62,7 @@ class ReadTask(Task):
         spots: Mapping[str, Matrix],
         below: Mapping[str, str],
     ) -> "ReadTask":
-        """`below` names, for what stands on another object, that object."""
+        """`below`: object -> the object on which it stands."""
         return ReadTask(
             name,
             title=name,
@@ -72,12 +72,12 @@ class ReadTask(Task):
             objects={
                 each: ObjectSpec(asset.name, relative_to=below.get(each)) for each, asset in assets.items()
             },
-            # Nobody looks on: sentences cannot speak of the left arm.
+            # No viewpoint is defined, so sentences cannot name the left arm.
             cameras={
                 camera: CameraSpec() for camera in ("global", *(f"agent{k + 1}" for k in range(len(robots))))
             },
             success={},
-            randomisation=Randomisation(0.0, 0.0, 0.0, 0.0),  # its environment draws the scenes
+            randomisation=Randomisation(0.0, 0.0, 0.0, 0.0),  # scenes are randomised by the environment
             assets=assets,
             spots=spots,
         )
@@ -94,9 +94,9 @@ class ReadTask(Task):
 
 
 def upright_frame(solids: Solids, world_from_body: Matrix) -> Matrix:
-    """body_from_object (4, 4): z up, origin on the underside in the middle, y along the narrow side.
+    """body_from_object (4, 4): z up, origin in the middle of the underside, y along the narrow side.
 
-    Of a body without a shape the origin stays where it is.
+    A body without shapes keeps its origin, with the axes of the world.
     """
     if not solids:
         return inverse(world_from_body) @ transform(world_from_body[:3, 3])
@@ -112,7 +112,7 @@ def asset_of(
     name: str, solids: Solids, body_from_object: Matrix, movable: bool, mass_kg: float,
     given: Mapping[str, InteractionPoint],
 ) -> Asset:  # fmt: skip
-    """The body in its upright frame, with what is derived and what is given of its points."""
+    """Asset of a body in its upright frame, with derived and given points; given ones take precedence."""
     object_from_body = inverse(body_from_object)
     hulls = [solid.copy().apply_transform(object_from_body) for solid in solids]
     mark = Part.sphere(MARK_M, transform(), GREY, solid=False)
@@ -148,7 +148,7 @@ def _derived(hulls: Solids, movable: bool) -> dict[str, InteractionPoint]:
 
 
 def _flat_on_top(corners: NDArray[np.float64]) -> bool:
-    """Whether the highest points lie round the middle, and far enough apart to carry something."""
+    """Whether the hull of the highest points contains the middle and is large enough to carry an object."""
     highest = corners[corners[:, 2] > corners[:, 2].max() - FLAT_M]
     top, outline = (MultiPoint(each[:, :2]).convex_hull for each in (highest, corners))
     return top.area >= FLAT_SHARE * outline.area and top.intersects(Point(0.0, 0.0))

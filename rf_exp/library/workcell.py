@@ -1,4 +1,4 @@
-"""Arms in a ManiSkill environment of anybody's: read, planned for, checked, scheduled and driven."""
+"""Workcell: arms in a third-party ManiSkill environment, to read, plan, check, schedule and execute."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -22,14 +22,14 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import ConstraintSet, JointLimits, Scene, Subgoal
 
 FULL = ConstraintSet("full")
-SETTLE_STEPS = 20  # that arms hold still after a plan: what was put down may need a moment
-ON_M = 0.005  # what is nearer to a thing below it stands on it
+SETTLE_STEPS = 20  # control steps to hold still after a plan, for placed objects to settle
+ON_M = 0.005  # largest gap between an object and the one on which it stands
 
-Subgoals = Mapping[int, Iterable[str | Subgoal]]  # agent -> what it does, in this order
+Subgoals = Mapping[int, Iterable[str | Subgoal]]  # agent -> its subgoals, in this order
 
 
 class NoPlan(RfError):
-    """There is no plan that keeps what is asked of it; `violation` is the first reason."""
+    """No plan satisfies the constraints and checks; `violation` is the first reason."""
 
     def __init__(self, violation: Violation) -> None:
         super().__init__(f"{violation.check}: {violation.sentence}")
@@ -38,23 +38,23 @@ class NoPlan(RfError):
 
 @dataclass(frozen=True)
 class Execution:
-    """What became of a plan."""
+    """Result of the execution of a plan."""
 
-    scene: Scene  # in which it ended
-    steps: int  # of control, since it began
-    violation: Violation | None  # that stopped it, seen by the monitor
+    scene: Scene  # at the end
+    steps: int  # control steps since the start
+    violation: Violation | None  # found by the monitor, which stopped the execution
     terminated: bool  # by the environment
     truncated: bool
-    info: Mapping[str, Any] = field(default_factory=dict)  # of the last step, as the environment gave it
+    info: Mapping[str, Any] = field(default_factory=dict)  # of the environment's last step
 
     @property
     def success(self) -> bool:
-        """What the environment says: its `info["success"]`, False where it says nothing."""
+        """The environment's `info["success"]`, False where it has none."""
         return bool(self.info.get("success", False))
 
     @property
     def reason(self) -> str:
-        """Why it is no success, in words; empty for one."""
+        """Reason of a failure in words; empty for success."""
         if self.success:
             return ""
         if self.violation is not None:
@@ -71,7 +71,7 @@ class Execution:
 
 
 class Saying:
-    """The RoboBrain of a person: it answers every question with one proposal."""
+    """RoboBrain that answers every question with a given proposal."""
 
     def __init__(self, proposal: Proposal) -> None:
         self.name, self._proposal = "said", proposal
@@ -81,17 +81,17 @@ class Saying:
 
 
 class Driven:
-    """Takes commands until the environment ends its episode; scenes are those of the objects' frames."""
+    """Driver of an environment by commands, until it ends its episode; poses are in the objects' frames."""
 
     def __init__(self, stock: Stock, frames: Mapping[str, Matrix]) -> None:
         """`frames`: object -> body_from_object (4, 4)."""
         self._stock, self._frames = stock, frames
         self.told: NDArray[np.float64] | None = None  # (N, A) the last command
-        self.last: Stepped | None = None  # what the environment said of the last step of a plan
+        self.last: Stepped | None = None  # result of the last step of a plan
 
     @property
     def scene(self) -> Scene:
-        """What is measured now."""
+        """The scene measured now."""
         scene = self._stock.scene()
         return replace(scene, poses={name: pose @ self._frames[name] for name, pose in scene.poses.items()})
 
@@ -101,17 +101,17 @@ class Driven:
         return self.last is not None and (self.last.terminated or self.last.truncated)
 
     def take(self, command: NDArray[np.float64]) -> None:
-        """One control step."""
+        """Run one control step."""
         self.told, self.last = command, self._stock.step(command)
 
 
 class Workcell:
-    """A scene of one or more arms. Agents are numbered from 1, as the environment lists its robots.
+    """A scene with one or more arms. Agents are numbered from 1, in the environment's order of robots.
 
-    Every actor, and every link of an articulation that is none of them, is an object. Its frame has z up and
-    its origin on its underside, as it stood when it was read. What can be picked up has the point `center` (a
-    grasp from above), what is flat on top the place point `top`, what has no collision shapes (a goal, say)
-    the place point `middle`. What lies below z = 0 is the table.
+    Every actor, and every link of an articulation that is no arm, is an object. Its frame has z up and its
+    origin on its underside, in the state in which it was read. Graspable objects have the point `center` (a
+    grasp from above), flat-topped ones the place point `top`, those without collision shapes (such as a goal)
+    the place point `middle`. Bodies below z = 0 are the table.
     """
 
     def __init__(
@@ -127,9 +127,9 @@ class Workcell:
         """Reads the scene of an environment that has been reset.
 
         `points` are further interaction points, object -> name -> point in the frame of the object; `places`
-        named poses (4, 4) in the world that the frame of a thing takes; `ignore` objects that are not there
-        for planners. `constraint_set` says which constraints are on. Raises ArgumentError for an environment
-        that is not supported, and for names that it does not have.
+        named target poses (4, 4) of object frames in the world; `ignore` objects that planners do not see.
+        `constraint_set` selects the constraints. Raises ArgumentError for an environment that is not
+        supported, for unknown objects, and for places with the name of an object.
         """
         self._stock = Stock(env, ignore)
         poses = self._stock.poses()
@@ -152,7 +152,7 @@ class Workcell:
         below = _below(assets, self.scene().poses)
         self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), below)
         changes = {} if limits is None else {"limits": limits}
-        # Whose brain this is matters to episodes alone: `plan` has one for each proposal.
+        # A placeholder for the brain: `plan` uses one of its own for each proposal.
         self._settings = Settings.configured(self.task, constraint_set, ScriptedSpec(), **changes)
 
     def __str__(self) -> str:
@@ -165,7 +165,7 @@ class Workcell:
         return "\n".join([*lines, f"the table: {', '.join(self._stock.table) or 'z = 0'}"])
 
     def scene(self) -> Scene:
-        """What is measured now; poses are those of the objects' frames."""
+        """The scene measured now; poses are those of the objects' frames."""
         return self._arms.scene
 
     def plan(
@@ -173,9 +173,9 @@ class Workcell:
     ) -> Planned:
         """A plan from the present scene that has passed its checks.
 
-        Subgoals and constraints are sentences or values; both are docs/constraints.md's. Nobody collides
-        with anything, asked or not. The same seed gives the same plan. Raises ArgumentError for what is not
-        understood or names what there is not, and NoPlan.
+        Subgoals and constraints are sentences or values, see docs/constraints.md. Collisions are always
+        excluded. The same seed gives the same plan. Raises ArgumentError for sentences that are not
+        understood, for unknown names and without any subgoal, and NoPlan where no plan is found.
         """
         proposal = self._proposal(subgoals, constraints)
         planner = Planner(self._settings, Saying(proposal))
@@ -190,11 +190,11 @@ class Workcell:
         return made
 
     def execute(self, plan: Planned, *, settle_steps: int = SETTLE_STEPS) -> Execution:
-        """Drives the arms along a plan that was made for the present scene, watched at every control step.
+        """Executes a plan that was made for the present scene, monitored at every control step.
 
-        It ends when the environment says so, with a violation, or when the plan and `settle_steps` of holding
-        still are over. After a violation the arms come to rest first. Raises ArgumentError for a plan that
-        does not begin here and now.
+        Ends when the environment ends its episode, after a violation, or after the plan and `settle_steps` of
+        holding still. After a violation the arms first come to rest. Raises ArgumentError for a plan that
+        does not start at the present step.
         """
         begins, made = self._stock.scene().step, plan.checked.plan
         if made.task is not self.task or made.scene.step != begins:

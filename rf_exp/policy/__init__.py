@@ -1,7 +1,6 @@
-"""The four architectures as views of one data set, their diffusion policy, training and rollout.
+"""Learned policies: architectures as views of one data set, networks, training and rollouts.
 
-What is asked for is imported then: an experiment is read without torch, a server of policies runs without the
-suite.
+Names are imported lazily: an experiment is read without torch, a policy server runs without the suite.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
-"""Fields of a configuration that say what they may be, once, where they are declared.
+"""Bounds of configuration fields, declared with each field and checked on construction.
 
-A configuration may come with the policy of somebody else, so every number has its bounds: far above what is
-of use, and below what would take all memory, or for ever.
+A configuration may come with a policy from someone else, so every number is bounded: far above useful values,
+and below those that would exhaust memory or run forever.
 """
 
 import math
@@ -11,13 +11,13 @@ from typing import Any
 
 from rf_exp.errors import ArgumentError, choices
 
-ITEMS, WIDEST = 8, 8192  # of a list, such as the layers of a network; numbers in a layer
-BOUNDS, ACTING = "bounds", "acting"  # what a field says of itself
+ITEMS, WIDEST = 8, 8192  # most items of a list, such as layers of a network; widest layer
+BOUNDS, ACTING = "bounds", "acting"  # keys of the metadata of a field
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What each number of a field has to be, and the words for it."""
+    """Limits of the numbers of a field, and their wording in errors."""
 
     most: float = math.inf
     least: float = -math.inf
@@ -26,7 +26,7 @@ class Bounds:
     expected: str = ""
 
     def check(self, name: str, value: object, one: float) -> None:
-        """Raises ArgumentError for one number of a value that is out of bounds."""
+        """Raises ArgumentError if `one` number of a value is out of bounds."""
         finite = isinstance(one, int) or math.isfinite(one)
         require(finite and one <= self.most, name, value, f"finite, and at most {self.most:g}")
         holds = self.least <= one and self.above < one < self.below
@@ -37,23 +37,23 @@ class Bounds:
 
 
 def bounded(most: float = WIDEST, *, acting: bool = False, **limits: Any) -> Any:
-    """A field of a number, or of several, as Bounds says; with `acting` it changes no weight."""
+    """A field of one or several numbers, limited as in `Bounds`; with `acting` it affects no weights."""
     return field(metadata={BOUNDS: Bounds(most, **limits), ACTING: acting})
 
 
 def one_of(*possible: str, acting: bool = False) -> Any:
-    """A field of one of these words."""
+    """A field whose value is one of these strings."""
     return field(metadata={BOUNDS: possible, ACTING: acting})
 
 
 def require(holds: bool, name: str, got: object, expected: str) -> None:
-    """Raises ArgumentError that names a field, unless something holds."""
+    """Raises ArgumentError that names the field, unless `holds`."""
     if not holds:
         raise ArgumentError(f"{name} is {got!r}; expected {expected}")
 
 
 class Checked:
-    """Base of frozen dataclasses whose fields are bounded: each value is looked at."""
+    """Base of frozen dataclasses with bounded fields: values are checked on construction."""
 
     def __post_init__(self) -> None:
         for each in fields(self):  # pyright: ignore[reportArgumentType]
@@ -72,11 +72,11 @@ class Checked:
         self.check()
 
     def check(self) -> None:
-        """Raises ArgumentError for values that do not go together."""
+        """Raises ArgumentError for values that cannot be combined."""
 
 
 def values(config: Any, acting: bool | None = None, within: bool = False) -> dict[str, Any]:
-    """All fields, as mappings, those that decide `acting` alone, or the others; `within`: all of them do."""
+    """Fields as nested mappings: all, or only those that do (or do not) affect `acting`; `within`: all do."""
     found: dict[str, Any] = {}
     for each in fields(config):
         value, acts = getattr(config, each.name), within or each.metadata.get(ACTING, False)
@@ -89,7 +89,7 @@ def values(config: Any, acting: bool | None = None, within: bool = False) -> dic
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """A mapping with the values of another one in it, which wins."""
+    """Recursive merge of two mappings; values of `other` win."""
     found = dict(one)
     for key, value in other.items():
         both = isinstance(value, Mapping) and isinstance(found.get(key), Mapping)

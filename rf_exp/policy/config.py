@@ -1,9 +1,8 @@
-"""The configuration of a policy and of its training, as frozen values that check themselves.
+"""Configuration of a policy and of its training, as frozen, validated dataclasses.
 
-All defaults are in conf/policy/. A policy is an encoder and a head, each chosen by its name, with a
-configuration of its own: in `policy.head` the section of that name, and for what a head is made of the
-sections of those. Others may be added from outside of the package (`add_encoder`, `add_head`), by a module
-that a recipe names.
+All defaults are in conf/policy/. A policy is an encoder and a head, each chosen by name. The section of that
+name in `policy.encoder` or `policy.head` configures it; a head composed of other heads also reads their
+sections. A module named in a recipe may register others from outside the package (`add_encoder`, `add_head`).
 """
 
 import math
@@ -19,37 +18,37 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, require, values
 from rf_exp.types import LARGEST_PX
 
-# Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
+# Version of everything from demonstrations to weights; raise it whenever a training yields other weights.
 LEARNER = 10
-MODEL = "model.safetensors"  # in the folder of a policy, once it is finished
-CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
+MODEL = "model.safetensors"  # in the folder of a policy, once training has finished
+CELL = 4  # pixels of the downsampled picture per cell of a heat map
 SMALLEST_CROP = 8  # pixels
-# Keys that came after policies were released, at the values that change nothing, which stand in no identity.
+# Keys added after policies were released, with their neutral values, which are left out of identities.
 LATER: Mapping[str, Any] = {
     "start_offset_rad": 0.0,
     "goal_gate": False,
     "acting": {"homing": False, "regrasp_step_m": 0.0},
     "encoder": {"keypoints": {"dilations": (1, 2, 4)}},
 }
-CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
-HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
-BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
+CODE = "code"  # key of `policy`: a module that registers encoders or heads; not stored with a policy
+HOW = ("device", "log_every", "checkpoint_every")  # training keys that do not affect the result
+BUDGET = ("epochs", "steps")  # training keys: length of the last fit; the other fits define their own
 
 
 class PartConfig(Checked):
-    """Of a part of a policy, a frozen dataclass."""
+    """Base configuration of a part of a policy (encoder or head), a frozen dataclass."""
 
     def check_in(self, policy: "PolicyConfig") -> None:
-        """Raises ArgumentError for a policy that it does not go with."""
+        """Raises ArgumentError for a policy that this part cannot be used in."""
 
 
 class EncoderConfig(PartConfig):
-    """Of an encoder. What it has to be shown is said of its class."""
+    """Configuration of an encoder. The class attributes state which inputs it needs."""
 
-    pictures: ClassVar[bool] = True  # whether it looks at pictures
-    keypoints: ClassVar[bool] = False  # whether it learns from where grippers change, and hands are then
-    privileged: ClassVar[bool] = False  # whether the true poses of all things are part of the context instead
-    large: ClassVar[bool] = False  # whether more than one thread makes it faster
+    pictures: ClassVar[bool] = True  # whether it uses pictures
+    keypoints: ClassVar[bool] = False  # whether it learns from gripper poses, now and at gripper changes
+    privileged: ClassVar[bool] = False  # whether the context contains the true poses of all objects instead
+    large: ClassVar[bool] = False  # whether it benefits from several threads, and from bfloat16 on a GPU
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class CompactConfig(EncoderConfig):
 
 @dataclass(frozen=True)
 class PrivilegedConfig(EncoderConfig):
-    """In place of an encoder: the truth, the ceiling of a recipe."""
+    """No encoder: true poses in place of pictures, as an upper bound for a recipe."""
 
     pictures: ClassVar[bool] = False
     privileged: ClassVar[bool] = True
@@ -77,19 +76,17 @@ class PrivilegedConfig(EncoderConfig):
 
 @dataclass(frozen=True)
 class KeypointsConfig(EncoderConfig):
-    """Heat maps for keypoints, which are learned first where `steps` says so, and then stay as they are."""
+    """Keypoint encoder: a heat map for each keypoint; with `steps` it is trained first and then frozen."""
 
     keypoints: ClassVar[bool] = True
-    downsample: int = bounded(64, least=1)  # times, of the picture that heat maps cover
-    # Pixels, side of the squares of the whole picture that are looked at again; 0: none.
-    crop_refinement: int = bounded(LARGEST_PX, least=0)
-    # On what is seen (m, and parts of a picture), while the rest learns from it.
-    noise: float = bounded(1, least=0)
-    steps: int = bounded(10**9, least=0)  # of a fit of its own, before all others; 0: it learns with the head
-    rate: float = bounded(1e3, above=0)  # of learning then, as a multiple of the others'
-    shift_px: int = bounded(LARGEST_PX, least=0)  # by which pictures are shifted at most then, either way
-    photometric: float = bounded(2, least=0)  # how far pictures are lit otherwise then; 0: not
-    # Cells between the taps of each 3x3 convolution: a map sees as many to all sides as their sum.
+    downsample: int = bounded(64, least=1)  # factor, of the picture that heat maps cover
+    crop_refinement: int = bounded(LARGEST_PX, least=0)  # side of its crops of the full picture, px; 0: none
+    noise: float = bounded(1, least=0)  # m, standard deviation on keypoints while the head is trained
+    steps: int = bounded(10**9, least=0)  # length of its own fit, before all others; 0: trained with the head
+    rate: float = bounded(1e3, above=0)  # learning rate of that fit, as a multiple of the training's
+    shift_px: int = bounded(LARGEST_PX, least=0)  # largest random shift of pictures in that fit, either way
+    photometric: float = bounded(2, least=0)  # strength of photometric augmentation in that fit; 0: none
+    # Dilation of each 3x3 convolution, cells; their sum is the reach of the receptive field to each side.
     dilations: tuple[int, ...] = bounded(64, least=1, expected="whole numbers from 1 to 64")
 
     def check_in(self, policy: "PolicyConfig") -> None:
@@ -106,21 +103,21 @@ class KeypointsConfig(EncoderConfig):
 
 
 class HeadConfig(PartConfig):
-    """Of a head. A field that is the configuration of another has its own section."""
+    """Configuration of a head. A field that is the configuration of another head has its own section."""
 
 
 @dataclass(frozen=True)
 class DiffusionConfig(HeadConfig):
-    """A trunk, a U-Net and the process of diffusion, whose sampler and steps change no weight."""
+    """Diffusion head: trunk, U-Net and diffusion process; sampler and inference steps affect no weights."""
 
     trunk: tuple[int, ...] = bounded(above=0, expected="numbers above 0")  # hidden layers before the U-Net
-    channels: tuple[int, ...] = bounded()  # of the levels of the U-Net
+    channels: tuple[int, ...] = bounded()  # per level of the U-Net
     train_timesteps: int = bounded(1000, above=0)
     prediction: str = one_of("epsilon", "sample", "v_prediction")
     loss: str = one_of("mse", "l1")
-    noise_draws: int = bounded(1024, above=0)  # for each window in a batch
+    noise_draws: int = bounded(1024, above=0)  # draws of step and noise for each window of a batch
     sampler: str = one_of("ddpm", "ddim", acting=True)
-    inference_steps: int = bounded(1000, acting=True)  # 0: the chunk that is refined, as it is
+    inference_steps: int = bounded(1000, acting=True)  # 0: the regression chunk, unrefined
 
     def check_in(self, policy: "PolicyConfig", least: int = 1) -> None:
         halvings = 2 ** max(0, len(self.channels) - 1)
@@ -133,7 +130,7 @@ class DiffusionConfig(HeadConfig):
 
 @dataclass(frozen=True)
 class RegressionConfig(HeadConfig):
-    """A perceptron."""
+    """Regression head: a perceptron."""
 
     hidden: tuple[int, ...] = bounded(above=0, expected="numbers above 0")
     dropout: float = bounded(least=0, below=1)
@@ -144,7 +141,7 @@ class RegressionConfig(HeadConfig):
 
 @dataclass(frozen=True)
 class RefinedConfig(HeadConfig):
-    """Regression first, for so many steps; then its chunk is refined by diffusion."""
+    """Refined head: regression, trained first for `regression_steps`; diffusion then refines its chunk."""
 
     regression: RegressionConfig
     diffusion: DiffusionConfig
@@ -159,13 +156,13 @@ class RefinedConfig(HeadConfig):
 
 @dataclass(frozen=True)
 class Kind:
-    """How a part is configured, and its class, or where that is: it needs torch, a configuration does not."""
+    """A registered encoder or head: its configuration, and its class or, to import torch late, its path."""
 
     config: type
     part: Callable[..., Any] | str
 
     def make(self, *given: Any) -> Any:
-        """A part, from its configuration and what else its class is given."""
+        """The encoder or head, from its configuration and the other arguments of its class."""
         part = self.part
         if isinstance(part, str):
             part = resolve_name(f"rf_exp.policy.networks.{part}")
@@ -187,12 +184,12 @@ PARTS = {"encoder": ENCODERS, "head": HEADS}
 
 
 def add_encoder(name: str, config: type[EncoderConfig], encoder: Callable[..., Any]) -> None:
-    """Make an encoder known, `encoder(config, view, spec)`. Raises ArgumentError for a known name."""
+    """Register an encoder, `encoder(config, view, spec)`. Raises ArgumentError for a used or invalid name."""
     _add("encoder", name, Kind(config, encoder))
 
 
 def add_head(name: str, config: type[HeadConfig], head: Callable[..., Any]) -> None:
-    """Make a head known, `head(config, condition, horizon, actions)`. Raises ArgumentError as add_encoder."""
+    """Register a head, `head(config, condition, horizon, actions)`. Raises ArgumentError as `add_encoder`."""
     _add("head", name, Kind(config, head))
 
 
@@ -204,7 +201,7 @@ def _add(kind: str, name: str, part: Kind) -> None:
 
 
 def name_of(part: PartConfig) -> str:
-    """The name by which a part is chosen."""
+    """The registered name of an encoder or head."""
     every = (each for kinds in PARTS.values() for each in kinds.items())
     return next(name for name, kind in every if kind.config is type(part))
 
@@ -215,7 +212,7 @@ def import_code(policy: object) -> None:
         return
     try:
         import_module(code)
-    except Exception as error:  # whatever a module does when it is imported
+    except Exception as error:  # an import may raise anything
         raise ArgumentError(
             f"policy.code: {code!r} cannot be imported: {type(error).__name__}: {error}; expected a module "
             "that Python finds, in this folder or by PYTHONPATH"
@@ -226,40 +223,40 @@ def import_code(policy: object) -> None:
 class ActingConfig(Checked):
     """What a policy does with the chunks that its head samples."""
 
-    # An arm goes to the posture of rest of its task, in a straight line of its joints, before its first look
-    # and when its fingers have shut on nothing.
+    # An arm moves to its rest posture, in a straight line in joint space, before its first observation and
+    # after a failed grasp (fingers closed on nothing).
     homing: bool
-    # So far away, along the ray by which its goal is seen, an arm shuts its fingers next that have shut on
-    # nothing: it would see the same again, and most of an error is along the ray.
+    # After a failed grasp the goal is displaced in steps of this length along the ray from the camera: a new
+    # observation would repeat the error, most of which is along the ray.
     regrasp_step_m: float = bounded(0.1, least=0)
     action_steps: int = bounded(512, above=0)  # executed before the next prediction
-    deadband_rad: float = bounded(math.pi, least=0)  # a chunk whose joints all stay so near moves nothing
-    # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
-    # 0: it waits until one look says more than a half.
+    deadband_rad: float = bounded(math.pi, least=0)  # chunks smaller than this move nothing
+    # A waiting agent goes on once its predicted probabilities of going on, summed while the scene does not
+    # change, reach this; 0: once a single one exceeds 0.5.
     transition_integrator: float = bounded(1e6, least=0)
 
 
 @dataclass(frozen=True)
 class PolicyConfig(Checked):
-    """The networks, what they are shown and what they predict, of pictures of `height` x `width` pixels."""
+    """Configuration of a policy: networks, inputs and outputs; pictures have `height` x `width` pixels."""
 
     encoder: EncoderConfig
     head: HeadConfig
     acting: ActingConfig = field(metadata={ACTING: True})
-    context: bool  # told also where the own TCP is and what the own gripper has done
+    context: bool  # observes the own TCP pose and gripper history too
     phases: bool  # predicts its subgoal and whether it may go on
     relative_actions: bool  # joint targets as differences from the newest measured positions
-    task_space_actions: bool  # predicts where the TCP goes too, and joints follow that
-    goal_gate: bool  # and tells that from where the own gripper changes next, as far as it goes there
-    binary_grippers: bool  # commands are wholly open or wholly closed
-    horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
+    task_space_actions: bool  # predicts poses of the TCP too, which the joints follow
+    goal_gate: bool  # predicts these relative to a learned fraction of the way to the next keyframe
+    binary_grippers: bool  # gripper commands are fully open or fully closed
+    horizon: int = bounded(512, above=0)  # actions in a chunk, the first at the oldest observation
     observation_steps: int = bounded(64, above=0)
     phase_dropout: float = bounded(least=0, below=1)
-    # On normalised joint positions in training, one draw a window.
+    # Standard deviation on normalised joint positions in training, one draw per window.
     proprio_noise: float = bounded(1e3, least=0)
-    # Standard deviation of another start of each joint, see `rf_exp.policy.examples.starts`.
+    # Standard deviation of start offsets of each joint in training, see `rf_exp.policy.examples.starts`.
     start_offset_rad: float = bounded(1.0, least=0)
-    # Side, as a part of the picture's.
+    # Side of the crop, as a fraction of the picture's.
     crop: float = bounded(1, above=0, expected="a number above 0, at most 1")
     height: int = bounded(LARGEST_PX, above=0)  # pixels
     width: int = bounded(LARGEST_PX, above=0)
@@ -268,7 +265,7 @@ class PolicyConfig(Checked):
         for name in ("phases", "task_space_actions"):
             needs = self.context or not getattr(self, name)
             require(needs, "context", self.context, f"true with {name}")
-        told = self.context or not self.acting.homing  # of the task's robots
+        told = self.context or not self.acting.homing  # without context the spec has no rest postures
         require(told, "context", self.context, "true with acting.homing")
         searches = self.acting.regrasp_step_m
         possible = self.acting.homing and self.goal_gate
@@ -278,7 +275,7 @@ class PolicyConfig(Checked):
             searches,
             "0 without acting.homing and goal_gate",
         )
-        seen = self.encoder.keypoints or not self.start_offset_rad  # a whole picture cannot be moved
+        seen = self.encoder.keypoints or not self.start_offset_rad  # pictures cannot be shifted along
         require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
         gated = self.encoder.keypoints and self.relative_actions and self.task_space_actions
         expected = "false but with encoder keypoints, relative_actions and task_space_actions"
@@ -291,7 +288,7 @@ class PolicyConfig(Checked):
 
     @staticmethod
     def read(*nodes: Mapping[str, Any]) -> "PolicyConfig":
-        """A recipe, or what `learned` and `acted` said: later values win. Raises ArgumentError by key."""
+        """From a recipe, or `learned` and `acted`; later values win. Raises ArgumentError naming the key."""
         if wrong := [each for each in nodes if not isinstance(each, Mapping)]:
             raise ArgumentError(f"policy is {wrong[0]!r}; expected keys below it")
         node = reduce(merged, nodes, LATER)
@@ -300,22 +297,22 @@ class PolicyConfig(Checked):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """All of it, as a recipe says it."""
+        """All values, nested as in a recipe, but for neutral ones of `LATER`."""
         return self._values(None)
 
     @property
     def whole(self) -> dict[str, Any]:
-        """The same with what came later, for who reads it beside another recipe."""
+        """All values, those of `LATER` included, for comparison with other recipes."""
         return self._values(None, {})
 
     @property
     def learned(self) -> dict[str, Any]:
-        """What decides the weights."""
+        """The values that determine the weights."""
         return self._values(False)
 
     @property
     def acted(self) -> dict[str, Any]:
-        """What decides only how it acts."""
+        """The values that affect acting only."""
         return self._values(True)
 
     def _values(self, acting: bool | None, unsaid: Mapping[str, Any] = LATER) -> dict[str, Any]:
@@ -330,51 +327,51 @@ class PolicyConfig(Checked):
         return _without(found, unsaid)
 
     def acting_as(self, other: "PolicyConfig") -> "PolicyConfig":
-        """The same policy, which acts as another one says of the same parts."""
-        unsaid = {"acting": LATER["acting"]}  # by who acts as ever
+        """This policy with the acting values of another one with the same encoder and head."""
+        unsaid = {"acting": LATER["acting"]}  # `acted` omits these
         return PolicyConfig.read(self.identity, unsaid, other.acted)
 
     @property
     def observation(self) -> str:
-        """What rows say of its observations: `state` where it is told the true poses."""
+        """The kind of its observations in rows: `state` for a privileged-state policy."""
         return "state" if self.encoder.privileged else "pictures"
 
     def cropped(self, height: int, width: int) -> tuple[int, int]:
-        """Height and width of what the encoder sees of such a picture, pixels."""
+        """Height and width, in pixels, of the crop of such a picture that the encoder gets."""
         return round(self.crop * height), round(self.crop * width)
 
 
 def _without(found: Mapping[str, Any], nothing: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values but for those that say nothing."""
+    """Nested values without those that equal the neutral ones in `nothing`."""
     inner = [key for key, each in nothing.items() if isinstance(each, Mapping) and key in found]
     return without({**found, **{key: _without(found[key], nothing[key]) for key in inner}}, **nothing)
 
 
 def read_recipe(node: Mapping[str, Any], picture: Mapping[str, int]) -> PolicyConfig:
-    """The policy of a recipe of the person who runs it, once the module that it names is imported."""
+    """The policy of a user's recipe; imports the module that it names, if any."""
     import_code(node)
     return PolicyConfig.read({key: value for key, value in node.items() if key != CODE}, picture)
 
 
 def policy_keys() -> dict[str, Any]:
-    """The keys that `policy` may have in a recipe, and those below them: a section for each part there is."""
+    """The nested keys of `policy` in a recipe, with a section for each registered encoder and head."""
     found: dict[str, Any] = {CODE: None}
     for each in fields(PolicyConfig):
         if each.name in PARTS:
             sections = {name: _own_keys(kind.config) for name, kind in PARTS[each.name].items()}
             found[each.name] = {"name": None, **{name: own for name, own in sections.items() if own}}
-        elif each.name not in ("height", "width"):  # a policy sees what the cameras take
+        elif each.name not in ("height", "width"):  # these come from `picture`
             found[each.name] = _own_keys(each.type) if is_dataclass(each.type) else None
     return found
 
 
 def _own_keys(config: Any) -> dict[str, None]:
-    """Of a configuration, but for parts of it that have a section of their own."""
+    """Keys of a configuration, but for parts that have a section of their own."""
     return {each.name: None for each in fields(config) if not is_dataclass(each.type)}
 
 
 def _read_part(kind: str, node: object) -> Any:
-    """The configuration of the part of a kind that is chosen, from the sections of all."""
+    """The configuration of the chosen encoder or head, from the sections of all."""
     name = node.get("name") if isinstance(node, Mapping) else None
     if not isinstance(node, Mapping) or not isinstance(name, str):
         raise ArgumentError(f"policy.{kind} is {node!r}; expected a mapping with a name")
@@ -397,7 +394,7 @@ class TrainConfig(Checked):
     epochs: int | None = bounded(10**6, above=0)
     steps: int | None = bounded(10**9, above=0)
     batch_size: int = bounded(2**16, above=0)  # windows
-    # Part of them that is drawn from those in which an own agent may go on.
+    # Fraction of a batch drawn from windows in which an own agent may go on.
     active_agent_sampling: float = bounded(1, least=0)
     run_length: int = bounded(2**16, above=0)  # consecutive windows drawn together, encoded once
     learning_rate: float = bounded(math.inf, above=0)
@@ -410,7 +407,7 @@ class TrainConfig(Checked):
     device: str = one_of("auto", "cpu", "cuda")
     log_every: int = bounded(10**9, above=0)  # steps between rows of the curves
     checkpoint_every: int = bounded(10**9, above=0)  # steps between resumable states
-    seed: int = 0  # of an experiment, `train_seed`
+    seed: int = 0  # `train_seed` of an experiment
 
     def check(self) -> None:
         given = {name: value for name in BUDGET if (value := getattr(self, name)) is not None}
@@ -419,16 +416,16 @@ class TrainConfig(Checked):
 
     @staticmethod
     def read(identity: Mapping[str, Any]) -> "TrainConfig":
-        """What `identity` has said. Raises ArgumentError that names a key."""
+        """The inverse of `identity`. Raises ArgumentError naming the key."""
         how = {"device": "auto", "log_every": 1, "checkpoint_every": 1}
         return read_values(TrainConfig, {**how, **identity}, "training.")
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The fields that decide what comes out."""
+        """The fields that affect the result."""
         return {name: value for name, value in values(self).items() if name not in HOW}
 
     @property
     def pace(self) -> dict[str, Any]:
-        """Those of them that decide what comes of a fit that says its own steps."""
+        """Those of them that affect the result of a fit with its own number of steps."""
         return {name: value for name, value in self.identity.items() if name not in BUDGET}

@@ -1,6 +1,6 @@
-"""Robots without a simulator: each a value, and what they have in common.
+"""Robots as values, without a simulator.
 
-What is asked for is imported then: a task is read without meshes.
+Names are imported lazily: reading a task does not load meshes.
 """
 
 import lazy_loader

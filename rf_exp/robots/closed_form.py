@@ -1,10 +1,10 @@
 """Closed-form inverse kinematics of the Panda and of the xArm7: all postures that put the TCP at a pose.
 
-Both have a joint to spare, and are alike but for lengths and for how joints are counted. With the last joint
-given, what is left is geometry: the wrist follows from the pose, the bend of the elbow from the distance
-between wrist and shoulder, and the elbow lies on a circle about the line between them, at the two places
-where the fifth axis is square to the sixth (He and Liu 2021, "Analytical inverse kinematics for Franka Emika
-Panda"). Frames are those of Franka's control interface documentation (Craig's convention).
+Both have a redundant joint and differ only in lengths and in the zeros of their joints. Given the last joint,
+the wrist follows from the pose and the bend of the elbow from the distance between wrist and shoulder; the
+elbow lies on a circle about the line between them, at the two points where the fifth axis is perpendicular to
+the sixth (He and Liu 2021, "Analytical inverse kinematics for Franka Emika Panda"). Frames are those of
+Franka's control interface documentation (Craig's convention).
 """
 
 from dataclasses import dataclass
@@ -19,41 +19,41 @@ from rf_exp.transforms import wrapped_rad
 if TYPE_CHECKING:
     from rf_exp.robots.robot import Robot
 
-BRANCHES = 8  # bend of the elbow x its place on the circle x sign of the second joint
-OTHER_SIGN = np.arange(BRANCHES) ^ 1  # the branch beyond an upright shoulder, where an arm crosses over
+BRANCHES = 8  # bend of the elbow x its side on the circle x sign of the second joint
+OTHER_SIGN = np.arange(BRANCHES) ^ 1  # the branch in which an arm continues beyond an upright shoulder
 
 _SIDES = np.array([1.0, -1.0])
-NEAR_RAD, STEP_RAD = 0.3, 0.02  # from the last joint of a tool that points down: at most, and first
-SECANTS, CLOSE = 3, 1e-6  # steps, and how near to zero they have to come
+NEAR_RAD, STEP_RAD = 0.3, 0.02  # largest change and first step from the last joint of a tool pointing down
+SECANTS, CLOSE = 3, 1e-6  # steps of the secant method, and tolerance of its residual
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Lengths:
-    """Of an arm whose elbow's axis lies beside the upper arm, and beside the lower one, in m."""
+    """Lengths in m of an arm with an elbow axis that is offset from the upper and from the lower arm."""
 
-    shoulder_m: float  # its height above the base
+    shoulder_m: float  # height above the base
     upper_m: float
     lower_m: float
-    before_m: float  # the elbow's axis beside the upper arm
-    behind_m: float  # and beside the lower one
+    before_m: float  # offset of the elbow axis from the upper arm
+    behind_m: float  # offset of the elbow axis from the lower arm
     wrist_m: float  # between the sixth and the seventh axis
-    flange_to_tcp_m: float  # along the seventh axis, from where the wrist is square to it to the TCP
+    flange_to_tcp_m: float  # along the seventh axis, from the foot of the offset `wrist_m` to the TCP
 
     @cached_property
     def elbow(self) -> Floats:
-        """(2,) from the shoulder: beside the upper arm, along it."""
+        """(2,) from the shoulder, across and along the upper arm."""
         return np.array([self.before_m, self.upper_m])
 
     @cached_property
     def wrist(self) -> Floats:
-        """(2,) from the elbow of a straight arm."""
+        """(2,) from the elbow of a straight arm, across and along the lower arm."""
         return np.array([-self.behind_m, self.lower_m])
 
     @cached_property
     def ends_m(self) -> tuple[np.floating, np.floating]:
-        """From the elbow's axis to shoulder and wrist."""
+        """Distances from the elbow axis to shoulder and wrist."""
         return np.linalg.norm(self.elbow), np.linalg.norm(self.wrist)
 
     @cached_property
@@ -61,8 +61,8 @@ class Lengths:
         return np.arctan2(*self.wrist[::-1]) - np.arctan2(*self.elbow[::-1])
 
 
-PANDA = Lengths(0.333, 0.316, 0.384, 0.0825, 0.0825, 0.088, 0.2104)  # of Franka's documentation
-XARM7 = Lengths(0.267, 0.293, 0.3425, 0.0525, 0.0775, 0.076, 0.2004)  # of its URDF, with the Panda's hand
+PANDA = Lengths(0.333, 0.316, 0.384, 0.0825, 0.0825, 0.088, 0.2104)  # Franka's documentation
+XARM7 = Lengths(0.267, 0.293, 0.3425, 0.0525, 0.0775, 0.076, 0.2004)  # its URDF, with the Panda's gripper
 
 
 def postures(
@@ -71,10 +71,10 @@ def postures(
     """Joints (..., BRANCHES, 7) rad for TCP poses (..., 4, 4) and the angle of the last joint (...).
 
     Leading axes are broadcast against one another. A branch that does not exist or leaves the limits (2, 7)
-    is NaN. Neighbouring poses have the same posture in the same branch, but for `OTHER_SIGN`.
+    is NaN. Neighbouring poses have neighbouring postures in the same branch, up to `OTHER_SIGN`.
     """
     pose, last = np.asarray(base_from_tcp, dtype=float), np.asarray(last_rad, dtype=float)
-    # Vectors are (3, ...) here: NumPy is several times as fast along long rows as along three components.
+    # Vectors are (3, ...) here: NumPy is several times faster along long rows than along three components.
     pose = np.broadcast_to(pose, (*np.broadcast_shapes(pose.shape[:-2], last.shape), 4, 4))
     x, y, out, position = np.ascontiguousarray(np.moveaxis(pose[..., :3, :], (-1, -2), (0, 1)))
     x6, wrist = _wrist(lengths, x, y, out, position, last)
@@ -83,7 +83,7 @@ def postures(
     with np.errstate(invalid="ignore", divide="ignore"):
         bend = _bend(lengths, reach)
         for k, elbow in enumerate((-bend - lengths.straight_rad, bend - lengths.straight_rad)):
-            if (elbow <= limits_rad[1, 3]).any():  # bent the other way it is seldom within its limits
+            if (elbow <= limits_rad[1, 3]).any():  # the other bend is seldom within the limits
                 _fill(lengths, found[..., k, :, :], elbow, wrist / reach, reach, x6, out)
         found[6] = last[..., None, None, None]
         low, high = (limits.reshape(-1, *[1] * (found.ndim - 1)) for limits in limits_rad)
@@ -93,7 +93,7 @@ def postures(
 
 
 class ClosedForm:
-    """The Panda's `rf_exp.robots.Inverse`."""
+    """`rf_exp.robots.Inverse` of the Panda."""
 
     branches, other, lengths = BRANCHES, OTHER_SIGN, PANDA
 
@@ -103,11 +103,11 @@ class ClosedForm:
         return postures(base_from_tcp, last_rad, limits_rad, self.lengths)
 
     def facing(self, base_from_tcp: Floats) -> Floats:
-        """See `Inverse`: the angle that puts the arm into an upright plane, in which the third joint is zero.
+        """See `Inverse`: the angle that puts the arm into a vertical plane, where the third joint is zero.
 
-        Where the upper arm stands almost straight up, the first joint and the third turn about nearly one
-        axis, and such a posture is the only one of many that an arm reaches soon. Where there is none within
-        NEAR_RAD of the angle with which it would be if the tool pointed straight down, that angle.
+        With the upper arm almost vertical, the first and the third joint turn about nearly the same axis, and
+        only such a posture is reached quickly. Found by the secant method, starting from the angle that is
+        exact for a tool pointing straight down; that angle where none is found within NEAR_RAD of it.
         """
         pose = base_from_tcp
         away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
@@ -126,7 +126,7 @@ class ClosedForm:
 
 
 class XArm7ClosedForm(ClosedForm):
-    """The xArm7's: its fourth joint is zero where the Panda's is at -180 degrees, its sixth backwards."""
+    """`rf_exp.robots.Inverse` of the xArm7. Its q4 is the Panda's plus pi, its q6 is pi minus the Panda's."""
 
     lengths = XARM7
 
@@ -143,7 +143,7 @@ class XArm7ClosedForm(ClosedForm):
 def _out_of_plane(
     lengths: Lengths, x: Floats, y: Floats, out: Floats, position: Floats, last: Floats
 ) -> Floats:
-    """(...) zero where an arm can be in an upright plane: its fifth axis on the sixth, which are square."""
+    """Residual (...) that is zero for an arm in a vertical plane: the fifth axis projected on the sixth."""
     x6, wrist = _wrist(lengths, x, y, out, position, last)
     reach = _length(wrist)
     elbow = -_bend(lengths, reach) - lengths.straight_rad
@@ -151,15 +151,15 @@ def _out_of_plane(
     line = wrist / reach
     up = -line[2] * line
     up[2] += 1
-    across = np.where(beside < 0, -1.0, 1.0) * up / _length(up)  # the elbow is above the line
+    across = np.where(beside < 0, -1.0, 1.0) * up / _length(up)  # with the elbow above the line
     return _dot(fifth_along * line + fifth_across * across, _cross(out, x6))
 
 
 def _wrist(
     lengths: Lengths, x: Floats, y: Floats, out: Floats, position: Floats, last: Floats
 ) -> tuple[Floats, Floats]:
-    """From the sixth axis to the seventh, and from the shoulder to the wrist in m: both (3, ...)."""
-    turn = np.pi / 4 - last  # the hand is mounted 45 degrees askew
+    """Unit vector from the sixth axis to the seventh, and shoulder to wrist in m: both (3, ...)."""
+    turn = np.pi / 4 - last  # the gripper is mounted at 45 degrees
     x6 = np.cos(turn) * x + np.sin(turn) * y
     wrist = position - lengths.flange_to_tcp_m * out - lengths.wrist_m * x6
     wrist[2] -= lengths.shoulder_m
@@ -167,7 +167,7 @@ def _wrist(
 
 
 def _bend(lengths: Lengths, reach: Floats) -> Floats:
-    """(...) rad of the elbow, from how far it is from the shoulder to the wrist."""
+    """Bend (...) of the elbow in rad, from the distance between shoulder and wrist."""
     upper_m, lower_m = lengths.ends_m
     return np.arccos((reach**2 - upper_m**2 - lower_m**2) / (2 * (upper_m * lower_m)))
 
@@ -175,8 +175,8 @@ def _bend(lengths: Lengths, reach: Floats) -> Floats:
 def _plane(
     lengths: Lengths, cos: Floats, sin: Floats, reach: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """In the plane of an arm whose elbow is bent so: the line from shoulder to wrist, beside the upper arm
-    and along it; the fifth axis, along that line and across it.
+    """Components in the plane of the arm, for cosine and sine of the fourth joint: the line from shoulder to
+    wrist, across and along the upper arm; the fifth axis, along and across that line.
     """
     elbow, wrist = lengths.elbow, lengths.wrist
     beside = (elbow[0] + cos * wrist[0] - sin * wrist[1]) / reach
@@ -187,7 +187,7 @@ def _plane(
 def _fill(
     lengths: Lengths, found: Floats, elbow: Floats, line: Floats, reach: Floats, x6: Floats, out: Floats
 ) -> None:
-    """The first six joints into (7, ..., side, sign), given the fourth (...).
+    """Writes the first six joints into `found` (7, ..., side, sign), given the fourth (...).
 
     `line` (3, ...) points from the shoulder to the wrist, which are `reach` (...) m apart.
     """
@@ -198,7 +198,7 @@ def _fill(
     off = z6 - on_line * line
     square = _length(off)
     first = off / square
-    cosine = -fifth_along * on_line / (fifth_across * square)  # of the plane's turn about the line
+    cosine = -fifth_along * on_line / (fifth_across * square)  # of the rotation of the plane about the line
     sine = np.sqrt(1 - cosine**2)[..., None] * _SIDES
     across = cosine[..., None] * first[..., None] + sine * _cross(line, first)[..., None]  # (3, ..., side)
     line, beside, along = line[..., None], beside[..., None], along[..., None]
@@ -223,7 +223,7 @@ def _fill(
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    """(...) of vectors (3, ...). Bytes of episodes hang on the order in which it adds."""
+    """Dot product (...) of vectors (3, ...). The bytes of episodes depend on the order of the additions."""
     return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]
 
 

@@ -1,9 +1,9 @@
-"""Kinematics of a robot: forward as its URDF says, inverse by damped Newton steps from a few postures.
+"""Kinematics of a robot: forward from its URDF, inverse by damped Newton steps from several starts.
 
-Both are for many postures at once. The Newton steps serve any arm of six or seven revolute joints. They are
-slower than a closed form, and not complete: a posture that none of the starts leads to is not found. Starts
-are the posture of rest and postures drawn once within the limits, all turned towards the pose. Of an arm
-with a joint to spare the last joint is given.
+Both are vectorised over postures. The Newton steps work for any arm with six or seven revolute joints. They
+are slower than a closed form and incomplete: postures that no start converges to are not found. The starts
+are the rest posture and postures drawn once about it within the limits, all turned towards the pose. For
+a redundant arm the last joint is given.
 """
 
 from collections.abc import Sequence
@@ -27,23 +27,23 @@ Floats = NDArray[np.float64]
 
 STARTS = 8
 STEPS = 60
-LONGEST_RAD = 0.5  # of a step, each joint
+LONGEST_RAD = 0.5  # largest change of a joint in a step
 DAMPING = 1e-3
-CLOSE = 1e-8  # m and rad: a posture is found
-SAME_RAD = 1e-4  # between postures that are one
+CLOSE = 1e-8  # m and rad, tolerance of convergence
+SAME_RAD = 1e-4  # postures closer than this are the same
 
 
 @cache
 def solver_of(robot: "Robot") -> "Inverse":
-    """The inverse kinematics of a robot, made once."""
+    """The inverse kinematics of a robot, cached."""
     return (robot.inverse or Numeric)(robot)
 
 
 class Chain:
-    """The joints of a robot, each after its parent. Joints of neither arm nor hand stay where they are.
+    """Forward kinematics of a robot. Joints that belong to neither arm nor gripper are fixed at zero.
 
     Raises ArgumentError for a URDF without the frames and joints that the robot names, and for one whose
-    arm has other joints than revolute ones, or not as many as the robot says.
+    arm has joints that are not revolute, or other joints than the robot names.
     """
 
     def __init__(self, robot: "Robot") -> None:
@@ -61,7 +61,7 @@ class Chain:
             self._arm.insert(0, joint)
             joint = parents[joint]
         self.dof = len(self._arm)
-        first, last = self._arm[0], self._arm[-1]  # NumPy is faster along slices
+        first, last = self._arm[0], self._arm[-1]  # NumPy is faster with slices
         row = len(self._arm) == last + 1 - first
         self._turning = slice(first, last + 1) if row else self._arm
         found = tuple(names[joint] for joint in self._arm)
@@ -74,8 +74,8 @@ class Chain:
         for joint in (joint for finger in robot.hand.fingers for joint in finger.joints):
             if joint not in names:
                 raise choices(f"joint of the hand of robot {robot.name!r}", joint, names[1:])
-        self._turned = list[tuple[int, int, "Finger"]]()  # joints of fingers that turn, and which finger
-        self._slid = list[tuple[int, int, "Finger", int, float]]()  # those that slide, along which axes
+        self._turned = list[tuple[int, int, "Finger"]]()  # revolute finger joints, and their finger
+        self._slid = list[tuple[int, int, "Finger", int, float]]()  # prismatic ones, with axis components
         for k, finger in enumerate(robot.hand.fingers):
             for joint in finger.joints:
                 axis, number = self._axes[joint], names.index(joint)
@@ -83,7 +83,7 @@ class Chain:
                     self._turned.append((number, k, finger))
                 for along in np.flatnonzero(axis.direction) if axis.slides else ():
                     self._slid.append((number, k, finger, int(along), float(axis.direction[along])))
-        # Each revolute joint turns about the z axis of a frame of its own, so all of them are alike.
+        # Frames are rotated so that every revolute joint turns about z, and all are computed alike.
         turns = [
             np.eye(4) if axis is None or axis.slides else _z_along(axis.direction)
             for axis in (self._axes.get(name) for name in names)
@@ -105,12 +105,12 @@ class Chain:
         return poses[..., self._joint_of[:-1], :, :] @ self._from_joint[:-1]
 
     def tcp_pose(self, joints: NDArray[np.floating]) -> Floats:
-        """base_from_tcp (..., 4, 4); fingers do not move it."""
+        """base_from_tcp (..., 4, 4), independent of the fingers."""
         poses = self._poses(np.asarray(joints, dtype=float), self._arm)
         return poses[..., self._tcp, :, :] @ self._from_joint[-1]
 
     def with_jacobian(self, joints: Floats) -> tuple[Floats, Floats]:
-        """base_from_tcp (..., 4, 4), and (..., 6, dof) by how much it moves, m and rad, with each joint."""
+        """base_from_tcp (..., 4, 4), and its geometric Jacobian (..., 6, dof) in m and rad per rad."""
         poses = self._poses(joints, self._arm)
         tcp = poses[..., self._tcp, :, :] @ self._from_joint[-1]
         arm = poses[..., self._arm, :, :]
@@ -119,7 +119,7 @@ class Chain:
         return tcp, np.swapaxes(np.concatenate([moved, axes], axis=-1), -1, -2)
 
     def _poses(self, qpos: Floats, chain: Sequence[int]) -> Floats:
-        """(..., joints + 1, 4, 4) base_from_joint of a chain; 0 is the base. Others are not filled in."""
+        """base_from_joint (..., joints + 1, 4, 4), 0 being the base; only joints of `chain` are filled in."""
         motions = np.zeros((*qpos.shape[:-1], len(self._parents), 4, 4))
         motions[..., range(4), range(4)] = 1.0
         _turn(motions, self._turning, qpos[..., : self.dof])
@@ -137,7 +137,7 @@ class Chain:
         return poses
 
 
-chain_of = cache(Chain)  # made once for each robot
+chain_of = cache(Chain)  # one per robot
 
 
 def _turn(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) -> None:
@@ -147,7 +147,7 @@ def _turn(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) 
 
 
 def _z_along(direction: Floats) -> Floats:
-    """(4, 4) that turns the z axis there; nothing for the z axis itself."""
+    """Rotation (4, 4) of the z axis to a direction; identity for the z axis itself."""
     if np.array_equal(direction, (0.0, 0.0, 1.0)):
         return np.eye(4)
     square = np.eye(3)[np.abs(direction).argmin()]
@@ -155,11 +155,11 @@ def _z_along(direction: Floats) -> Floats:
 
 
 class Numeric:
-    """Of one robot. Branch k is what start k leads to, unless an earlier one has led there."""
+    """Numerical `rf_exp.robots.Inverse`. Branch k is the posture found from start k, unless found earlier."""
 
     def __init__(self, robot: "Robot") -> None:
         self.branches, self.other = STARTS, np.arange(STARTS)
-        self._chain, self._free = chain_of(robot), 6  # joints that are solved for
+        self._chain, self._free = chain_of(robot), 6  # number of joints to solve for
         low, high = self._chain.limits_rad
         rest = np.array(robot.rest_rad)
         near = np.clip(rest + np.random.default_rng(0).uniform(-1.5, 1.5, (STARTS, robot.dof)), low, high)
@@ -178,13 +178,13 @@ class Numeric:
         flat = starts.reshape(-1, self._chain.dof)
         wanted = np.broadcast_to(goals[..., None, :, :], (*starts.shape[:-1], 4, 4)).reshape(-1, 4, 4)
         found = self._solved(flat, wanted, limits_rad).reshape(starts.shape)
-        # What an earlier start has led to as well.
+        # Remove postures that an earlier start has found.
         away = np.abs(found[..., :, None, :] - found[..., None, :, :]).max(axis=-1)
         found[((away < SAME_RAD) & np.tri(STARTS, k=-1, dtype=bool)).any(axis=-1)] = np.nan
         return np.broadcast_to(found, (*shape, *found.shape[-2:])).copy()
 
     def facing(self, base_from_tcp: Floats) -> Floats:
-        """See `Inverse`: that of the nearest posture to rest, of an arm turned towards the pose."""
+        """See `Inverse`: the last joint of the posture reached from rest, turned towards the pose."""
         pose = np.asarray(base_from_tcp, dtype=float)
         start = self._turned(pose)[..., 0, :]
         if self._chain.dof == self._free:
@@ -196,14 +196,14 @@ class Numeric:
         return np.clip(flat[:, -1], low, high).reshape(start.shape[:-1])
 
     def _turned(self, pose: Floats) -> Floats:
-        """(..., STARTS, dof) starts with the first joint towards poses (..., 4, 4)."""
+        """Starts (..., STARTS, dof) with the first joint turned towards poses (..., 4, 4)."""
         towards = np.arctan2(pose[..., 1, 3], pose[..., 0, 3]) - self._ahead_rad
         starts = np.broadcast_to(self._starts, (*pose.shape[:-2], *self._starts.shape)).copy()
         starts[..., 0] += (towards - self._starts[0, 0])[..., None]
         return starts
 
     def _solved(self, joints: Floats, goals: Floats, limits_rad: Floats) -> Floats:
-        """Joints (K, dof) that lead to goals (K, 4, 4), from where they are; NaN where none are found."""
+        """Joints (K, dof) for goals (K, 4, 4), from the starts `joints` (K, dof); NaN where not found."""
         open_ = np.arange(len(joints))
         found = np.full_like(joints, np.nan)
         for _ in range(STEPS):
@@ -218,12 +218,12 @@ class Numeric:
         low, high = limits_rad
         turns = np.where(found > high, np.ceil((found - high) / (2 * np.pi)), 0.0)
         turns = np.where(found < low, -np.ceil((low - found) / (2 * np.pi)), turns)
-        found -= 2 * np.pi * turns  # whole turns that lead beyond the limits
+        found -= 2 * np.pi * turns  # whole turns, back into the limits
         found[(away > CLOSE) | ((found < low) | (found > high)).any(axis=1)] = np.nan
         return found
 
     def _step(self, joints: Floats, goals: Floats, free: int) -> Floats:
-        """(K, dof) rad towards the goals, of the first joints."""
+        """Damped Newton step (K, dof) in rad towards the goals, of the first `free` joints."""
         tcp, jacobian = self._chain.with_jacobian(joints)
         jacobian = jacobian[..., :free]
         error = _error(tcp, goals)
@@ -237,6 +237,6 @@ class Numeric:
 
 
 def _error(tcp: Floats, goals: Floats) -> Floats:
-    """(K, 6) m and rad, in the base, from poses to goals (K, 4, 4)."""
+    """Error (K, 6) in m and rad, in the base frame, from poses to goals (K, 4, 4)."""
     turns = goals[:, :3, :3] @ np.swapaxes(tcp[:, :3, :3], 1, 2)
     return np.concatenate([goals[:, :3, 3] - tcp[:, :3, 3], Rotation.from_matrix(turns).as_rotvec()], axis=1)

@@ -1,4 +1,4 @@
-"""The robots that tasks may name, by the values of their `model`: these, and those that are added."""
+"""Registry of the robots that tasks may name by `model`: those of the package, and added ones."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ from rf_exp.robots.robot import Finger, Hand, Robot
 from rf_exp.robots.ur import UR5ClosedForm
 
 PANDA_URDF = "package://mani_skill/assets/robots/panda/panda_v2.urdf"
-ASKEW_RAD = (0.0, 0.0, -np.pi / 4)  # as the hand sits on the Panda
+ASKEW_RAD = (0.0, 0.0, -np.pi / 4)  # of the gripper at the Panda's flange
 
-# The Franka Emika Panda with its two-finger hand: URDF and meshes are those of ManiSkill's package.
+# Franka Emika Panda with its two-finger gripper; URDF and meshes from ManiSkill's package.
 PANDA = Robot(
     name="panda",
     title="Franka Panda with its gripper",
@@ -30,12 +30,12 @@ PANDA = Robot(
     ),
     rest_rad=(0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4),
     aside_rad=(0.0, -0.6, 0.0, -2.5, 0.0, 1.9, np.pi / 4),
-    reach_m=0.855,  # its data sheet
+    reach_m=0.855,  # data sheet
     swivel=2,
-    reflex_n=20.0,  # its collision reflex in its maker's examples
+    reflex_n=20.0,  # collision reflex in the manufacturer's examples
     inverse=ClosedForm,
 )
-# UFACTORY's xArm7, also of ManiSkill's package, with the Panda's hand.
+# UFACTORY xArm7, also from ManiSkill's package, with the Panda's gripper.
 XARM7 = Robot(
     name="xarm7",
     title="xArm7 with the Panda's gripper",
@@ -46,11 +46,11 @@ XARM7 = Robot(
     hand=PANDA.hand,
     rest_rad=(0.0, 0.3456, 0.0, 1.2383, 0.0, 0.8927, np.pi / 4),
     aside_rad=(0.0, -0.6, 0.0, np.pi - 2.5, 0.0, np.pi - 1.9, np.pi / 4),
-    reach_m=0.78,  # at the table its TCP reaches so much less far than the Panda's
+    reach_m=0.78,  # shorter than the Panda's by their difference in reach of the TCP at the table
     swivel=2,
     inverse=XArm7ClosedForm,
 )
-# Universal Robots' UR5 of example-robot-data, with the Panda's hand.
+# Universal Robots UR5 from example-robot-data, with the Panda's gripper.
 _UR = "distribution://example-robot-data/cmeel.prefix/share/example-robot-data/robots/ur_description/urdf"
 UR5 = Robot(
     name="ur5",
@@ -71,27 +71,27 @@ UR5 = Robot(
     hand=PANDA.hand,
     rest_rad=(-0.245, -1.6392, 1.9702, -1.9018, -np.pi / 2, -0.245),
     aside_rad=(-0.3724, -2.0786, 2.0144, -1.5066, -np.pi / 2, -0.3724),
-    reach_m=0.85,  # its data sheet
+    reach_m=0.85,  # data sheet
     inverse=UR5ClosedForm,
 )
-DEFAULT = PANDA  # of a task that names none, and of data from before they said
+DEFAULT = PANDA  # for tasks that name none, and for data without a robot, from earlier versions
 _KNOWN = {robot.name: robot for robot in (PANDA, XARM7, UR5)}
 
 
 def add_robot(robot: Robot) -> None:
-    """Lets tasks name a robot. Raises ArgumentError for the name of another one."""
+    """Registers a robot for tasks. Raises ArgumentError for the name of another robot."""
     known = _KNOWN.setdefault(robot.name, robot)
     if known != robot:
         raise ArgumentError(f"there is another robot called {robot.name!r}; call it otherwise")
 
 
 def robot_named(name: str) -> Robot:
-    """Raises ArgumentError for a name that nobody has added."""
+    """The robot with a name. Raises ArgumentError for an unknown name."""
     if name not in _KNOWN:
         raise choices("robot model", name, _KNOWN)
     return _KNOWN[name]
 
 
 def known_robots() -> tuple[Robot, ...]:
-    """All of them, in the order in which they were added."""
+    """All registered robots, in the order in which they were added."""
     return tuple(_KNOWN.values())

@@ -1,8 +1,8 @@
-"""The visual meshes of a robot with few triangles, made once and kept in a cache folder.
+"""Simplified visual meshes of a robot, made once and kept in a cache folder.
 
-Meshes of makers have many: the Panda's that ManiSkill ships 135 thousand an arm, which makes software
-rendering six times as slow as it need be at 320x240. Quadric decimation (fast-simplification) keeps about 8
-thousand; the colours stay, as does the collision geometry. What is no GLB file stays as it is.
+The Panda's meshes in ManiSkill have 135 thousand triangles an arm, which makes software rendering at 320x240
+six times as slow as with simplified ones. Quadric decimation (fast-simplification) keeps about 8 thousand;
+colours and collision geometry are unchanged, and so are meshes other than GLB files.
 """
 
 import hashlib
@@ -27,21 +27,21 @@ from rf_exp.transforms import apply
 if TYPE_CHECKING:
     from rf_exp.robots.robot import Robot
 
-KEPT = 0.058  # share of the triangles that stays
-FEWEST = 60  # a piece with fewer triangles than this is left alone
-CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells break through black ones
-SMOOTH_RAD = np.deg2rad(20)  # edges sharper than this stay visible
+KEPT = 0.058  # share of the triangles that is kept
+FEWEST = 60  # no piece is reduced below this number of triangles
+CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells show through black ones
+SMOOTH_RAD = np.deg2rad(20)  # sharper edges are not shaded smooth
 GLB = ".glb"
-GREY = (0.5, 0.5, 0.5)  # linear, of what has no colour of its own
+GREY = (0.5, 0.5, 0.5)  # linear RGB of visuals without a colour
 LAYOUT = 2  # raise when the way of making the files changes
 
 LinkMesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 
 
 def cache_folder(robot: "Robot") -> Path:
-    """Where the light meshes of a robot live; its name depends on all inputs.
+    """The folder of a robot's simplified meshes; its name depends on all inputs.
 
-    Raises StageError for a user without a home.
+    Raises StageError for a user without a home folder.
     """
     urdf = robot.urdf_path
     digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(urdf.parent))).encode())
@@ -53,13 +53,13 @@ def cache_folder(robot: "Robot") -> Path:
 
 
 def is_made(robot: "Robot", folder: Path) -> bool:
-    """Whether the light meshes are in a cache folder, and may be read."""
+    """Whether a cache folder has the simplified meshes and they are readable."""
     return os.access(folder / robot.urdf_path.name, os.R_OK)
 
 
 @cache
 def light_urdf(robot: "Robot") -> Path:
-    """The path of a URDF with light visuals and the original collision meshes, made when missing.
+    """The path of a URDF with simplified visual and original collision meshes, made when missing.
 
     Raises StageError when the cache folder cannot be written.
     """
@@ -72,7 +72,7 @@ def light_urdf(robot: "Robot") -> Path:
 def light_meshes(robot: "Robot") -> dict[str, LinkMesh]:
     """Link -> vertices (V, 3) in metres in the frame of the link, faces (F, 3), linear RGB (V, 3).
 
-    Of the links that have a visual: its meshes, and its boxes, cylinders and spheres in grey.
+    Only for links with visuals. Visuals other than GLB meshes are grey.
     """
     meshes: dict[str, LinkMesh] = {}
     for link in ElementTree.parse(light_urdf(robot)).getroot().findall("link"):
@@ -87,11 +87,11 @@ def light_meshes(robot: "Robot") -> dict[str, LinkMesh]:
 
 
 def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
-    """A visual as triangles in the frame of its link."""
+    """The triangles of a visual, in the frame of its link."""
     mesh = visual.find("geometry/mesh")
     if mesh is not None and mesh.attrib["filename"].endswith(GLB):
         pieces = _pieces(Path(mesh.attrib["filename"]))
-        factors = [_material(piece).baseColorFactor for piece in pieces]  # of GLB, white where there is none
+        factors = [_material(piece).baseColorFactor for piece in pieces]  # None is white in GLB
         colours = [(1.0, 1.0, 1.0) if factor is None else factor[:3] / 255 for factor in factors]
     else:
         pieces = [shape(visual, robot.urdf_path.parent, robot.name)]
@@ -103,7 +103,7 @@ def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
 
 
 def _make(robot: "Robot", folder: Path, final: Path) -> None:
-    """Write the light GLB files and the URDF that points to them once `folder` is called `final`."""
+    """Writes simplified GLB files and a URDF whose paths are valid once `folder` is renamed to `final`."""
     urdf = robot.urdf_path
     tree = ElementTree.parse(urdf)
     for element in tree.getroot().iterfind("link/visual/geometry/mesh"):
@@ -116,12 +116,12 @@ def _make(robot: "Robot", folder: Path, final: Path) -> None:
     for element in tree.getroot().iterfind("link/collision/geometry/mesh"):
         element.set("filename", str(urdf.parent / element.attrib["filename"]))
     tree.write(folder / urdf.name)
-    # SAPIEN reads the pairs of links that may overlap from the file of the same name beside the URDF.
+    # SAPIEN reads the excused pairs of links from the SRDF of the same name beside the URDF.
     _write_srdf(robot, (folder / urdf.name).with_suffix(".srdf"))
 
 
 def _write_srdf(robot: "Robot", path: Path) -> None:
-    """The file of the robot, or one of the pairs that it excuses."""
+    """Copies the SRDF of the robot; without one, writes one with the pairs not in `self_pairs`."""
     source = robot.urdf_path.with_suffix(".srdf")
     if source.exists():
         shutil.copyfile(source, path)
@@ -135,7 +135,7 @@ def _write_srdf(robot: "Robot", path: Path) -> None:
 
 
 def _pieces(path: Path) -> list[trimesh.Trimesh]:
-    """The pieces of a GLB, one a material, in the frame of the file."""
+    """The pieces of a GLB, one per material, in the frame of the file."""
     scene = cast(trimesh.Scene, trimesh.load(path, force="scene"))
     return [cast(trimesh.Trimesh, mesh) for mesh in scene.dump()]
 
@@ -145,7 +145,7 @@ def _material(piece: trimesh.Trimesh) -> Any:
 
 
 def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The piece with fewer triangles, the same material and shading that is smooth where it was."""
+    """The piece with fewer triangles and the same material, its edges up to `SMOOTH_RAD` shaded smooth."""
     welded = trimesh.Trimesh(piece.vertices, piece.faces, process=True)
     welded.merge_vertices(merge_norm=True, merge_tex=True, digits_vertex=6)
     target = max(FEWEST, round(KEPT * len(piece.faces)))

@@ -1,8 +1,7 @@
-"""URDFs of robots: where they lie, and those that are made of an arm's and of another robot's hand.
+"""URDFs of robots: their paths, and combinations of an arm with the gripper of another robot.
 
-A hand that is not its maker's is screwed to the flange of an arm. The URDF of both together, with copies of
-the meshes that it needs, is made once and kept in a cache folder. Names in it are relative: the same parts
-give the same bytes on every machine.
+The URDF of such a combination, with copies of the meshes that it needs, is built once and kept in a cache
+folder. Mesh paths in it are relative: the same parts give the same bytes on every machine.
 """
 
 import hashlib
@@ -23,11 +22,11 @@ import numpy as np
 from rf_exp.artifacts import whole
 from rf_exp.errors import ArgumentError, StageError
 
-PACKAGED = "package://"  # and the name of a Python package: a path within it
-DISTRIBUTED = "distribution://"  # and the name of what pip installs: a path as its wheel has it
+PACKAGED = "package://"  # followed by NAME/PATH: a path in a Python package
+DISTRIBUTED = "distribution://"  # followed by NAME/PATH: a path in the wheel of a pip distribution
 REMEDY = "set XDG_CACHE_HOME to a writable folder"
-SQUARE_RAD = 1e-5  # nearer than this to a quarter turn an angle is one: makers write 1.5708
-LAYOUT = 1  # raise when the way of making the files changes
+SQUARE_RAD = 1e-5  # angles closer than this to a quarter turn are rounded to it: URDFs have 1.5708
+LAYOUT = 1  # raise when the way of building the files changes
 
 Element = ElementTree.Element
 Vector = tuple[float, float, float]
@@ -35,24 +34,28 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Mounted:
-    """An arm with the hand of another robot."""
+    """An arm with the gripper of another robot."""
 
-    arm: str  # its URDF, as `Robot.urdf` names one
-    flange: str  # the link that bears the hand
-    hand: str  # the URDF of the robot with the hand
-    root: str  # the link of the hand that is screwed to the flange; all behind it come along
-    rpy: Vector = (0.0, 0.0, 0.0)  # rad, by which it is turned there
-    without: tuple[str, ...] = ()  # links of the arm that make way
-    extra: str = ""  # of this package, that brings the URDFs
+    arm: str  # its URDF, in the notation of `Robot.urdf`
+    flange: str  # the arm's link that carries the gripper
+    hand: str  # the URDF of the robot with the gripper
+    root: str  # the gripper's link at the flange; its descendants are included
+    rpy: Vector = (0.0, 0.0, 0.0)  # rad, rotation of `root` at the flange
+    without: tuple[str, ...] = ()  # links of the arm to remove
+    extra: str = ""  # extra of this package that installs the URDFs
 
     @property
     def path(self) -> Path:
-        """The URDF of both. Raises StageError where a part is missing, and where it cannot be kept."""
+        """The combined URDF.
+
+        Raises StageError where a package is not installed or the file cannot be written, and ArgumentError
+        where a link or a mesh is missing.
+        """
         return _made(self)
 
 
 def located(urdf: str | Path, extra: str = "") -> Path:
-    """The file. Raises StageError where the package that it lies in is not installed."""
+    """Path of a URDF. Raises StageError where the package that contains it is not installed."""
     said = str(urdf)
     scheme = next((each for each in (PACKAGED, DISTRIBUTED) if said.startswith(each)), None)
     if scheme is None:
@@ -68,7 +71,7 @@ def located(urdf: str | Path, extra: str = "") -> Path:
 
 
 def cache_home() -> Path:
-    """Where what is made of robots is kept. Raises StageError for a user without a home."""
+    """The cache folder for files built from robots. Raises StageError for a user without a home folder."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rf_exp"
     except RuntimeError as error:
@@ -76,7 +79,7 @@ def cache_home() -> Path:
 
 
 def cached(path: Path, what: str, make: Callable[[Path], None]) -> Path:
-    """A file of the cache, of whose folder `make` fills a draft where it is missing.
+    """A file in the cache; where it is missing, `make` fills a draft of its folder.
 
     Raises StageError where it cannot be written.
     """
@@ -86,7 +89,7 @@ def cached(path: Path, what: str, make: Callable[[Path], None]) -> Path:
                 draft.mkdir()
                 make(draft)
         except OSError as error:
-            # Of several processes that make it the first wins, the others find it complete.
+            # If several processes build it, the first wins and the others find it complete.
             if not os.access(path, os.R_OK):
                 raise StageError(f"cannot write the {what}: {error.strerror or error}; {REMEDY}") from error
     return path
@@ -118,7 +121,7 @@ def _made(mounted: Mounted) -> Path:
 
 
 def _joined(mounted: Mounted, arm: Path, hand: Path) -> Element:
-    """One tree of both; meshes are called as their makers do. What is no link and no joint is left out."""
+    """Tree of both URDFs with the original mesh names; only links and joints are kept."""
     above, below = (ElementTree.parse(path).getroot() for path in (arm, hand))
     root = Element("robot", name=f"{above.attrib['name']}_{mounted.root}")
     root.extend(_kept(above, {link.attrib["name"] for link in above.findall("link")} - {*mounted.without}))
@@ -138,7 +141,7 @@ def _joined(mounted: Mounted, arm: Path, hand: Path) -> Element:
 
 
 def _kept(root: Element, links: set[str]) -> Iterator[Element]:
-    """The links of these names, and the joints between them."""
+    """The links with these names, and the joints between them."""
     for each in root:
         if (each.tag == "link" and each.attrib["name"] in links) or (
             each.tag == "joint" and {*ends(each)} <= links
@@ -147,7 +150,7 @@ def _kept(root: Element, links: set[str]) -> Iterator[Element]:
 
 
 def _behind(root: Element, link: str) -> set[str]:
-    """A link and all that hang on it. Raises ArgumentError where there is no such link."""
+    """A link and its descendants. Raises ArgumentError where there is no such link."""
     if link not in {each.attrib["name"] for each in root.findall("link")}:
         raise ArgumentError(f"the URDF of {root.get('name')!r} has no link {link!r}")
     found = {link}
@@ -157,14 +160,17 @@ def _behind(root: Element, link: str) -> set[str]:
 
 
 def ends(joint: Element) -> tuple[str, str]:
-    """The links that a joint lies between."""
+    """The parent and the child link of a joint."""
     parent, child = joint.find("parent"), joint.find("child")
-    assert parent is not None and child is not None  # URDF asks for both
+    assert parent is not None and child is not None  # required by URDF
     return parent.attrib["link"], child.attrib["link"]
 
 
 def _meshes(root: Element, arm: Path, hand: Path) -> Iterator[tuple[str, Path, Element]]:
-    """The name that it gets, where it lies, and the element, of each mesh; scenes with colours become GLB."""
+    """New name, source file and element of each mesh; Collada scenes become GLB.
+
+    Raises ArgumentError for a mesh that does not exist.
+    """
     for kind in ("visual", "collision"):
         for mesh in root.iterfind(f"link/{kind}/geometry/mesh"):
             said = mesh.attrib["filename"]
@@ -176,7 +182,7 @@ def _meshes(root: Element, arm: Path, hand: Path) -> Iterator[tuple[str, Path, E
 
 
 def _source(said: str, urdf: Path) -> Path:
-    """Where a mesh lies: `package://` is of ROS here, a folder of that name above the URDF."""
+    """Path of a mesh. `package://` has ROS's meaning here: a folder of that name above the URDF."""
     if not said.startswith(PACKAGED):
         return urdf.parent / said
     package, _, path = said.removeprefix(PACKAGED).partition("/")
@@ -184,7 +190,7 @@ def _source(said: str, urdf: Path) -> Path:
 
 
 def _keep(source: Path, copy: Path, mounted: Mounted) -> None:
-    """A copy of a mesh, or what a Collada scene becomes."""
+    """Copies a mesh; converts Collada scenes. Raises StageError where pycollada is not installed for that."""
     copy.parent.mkdir(exist_ok=True)
     if source.suffix != ".dae":
         shutil.copyfile(source, copy)

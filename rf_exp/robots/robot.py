@@ -1,9 +1,9 @@
-"""A robot as a value: an arm with a hand of two fingers, as its URDF describes it; and one on its base.
+"""Robot: an arm with a two-finger gripper, described by a URDF; and `Arm`: a robot at its base.
 
-Everything that the suite knows of a robot is asked of this value: joints and their limits, links with their
-hulls and meshes, kinematics both ways, the hand. A row of measured joints holds the arm's first, the two
-fingers last (..., D); a row of a command the arm's targets first, the gripper last (..., D - 1). Beside a
-robot with more joints, those that it lacks lie between them and are zero.
+A robot is a value with all that the suite uses: joints and limits, links with their hulls and meshes,
+forward and inverse kinematics, the gripper. A row of measured joints (..., D) holds the arm's joints first
+and the two fingers last; a row of a command (..., D - 1) the arm's targets first and the gripper last. In a
+task with robots of more joints, the columns that a robot lacks are between these and are zero.
 """
 
 import hashlib
@@ -25,40 +25,40 @@ if TYPE_CHECKING:
     from rf_exp.robots.kinematics import Chain
     from rf_exp.robots.meshes import LinkMesh
 
-_AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # of the last joint
-NEIGHBOUR_RAD = 0.35  # postures nearer than this in every joint are on one branch
-MARGIN_RAD = 0.02  # to the limits of joints, of postures that are planned
+_AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # offsets of the last joint that `Arm.solve` tries
+NEIGHBOUR_RAD = 0.35  # postures closer than this in every joint are on one branch
+MARGIN_RAD = 0.02  # between planned postures and the joint limits
 
 Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 class Inverse(Protocol):
-    """How the joints of one robot are found for a pose of its TCP.
+    """Inverse kinematics of one robot.
 
-    A robot with a joint to spare has a family of postures for each pose; the angle of its last joint chooses
-    one of it. Without one that angle says nothing.
+    A robot with a redundant joint has a family of postures for each TCP pose, and the angle of its last joint
+    selects from it. For other robots that angle has no meaning.
     """
 
-    branches: int  # postures of a pose, at most, given the last joint
-    other: NDArray[np.int64]  # of each branch, that in which an arm goes on beyond a singularity; or itself
+    branches: int  # most postures of a pose, given the last joint
+    other: NDArray[np.int64]  # (branches,) the branch in which each continues beyond a singularity, or itself
 
     def postures(
         self, base_from_tcp: NDArray[np.float64], last_rad: ArrayLike, limits_rad: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Joints (..., branches, dof) rad for TCP poses (..., 4, 4) and the last joint (...), broadcast.
 
-        NaN where there is none within the limits (2, dof).
+        NaN where a branch has no posture within the limits (2, dof).
         """
         ...
 
     def facing(self, base_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The last joint (...) rad with which it is least in the way of others, at TCP poses (..., 4, 4)."""
+        """The last joint (...) rad that is least in the way of other arms, at TCP poses (..., 4, 4)."""
         ...
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The controller of some joints."""
+    """PD controller of a group of joints."""
 
     stiffness: float = 1e3
     damping: float = 1e2
@@ -67,65 +67,68 @@ class Drive:
 
 @dataclass(frozen=True)
 class Finger:
-    """A finger of a hand: what moves it, and where it opens to."""
+    """A finger of a gripper: its link, its joints and its opening direction."""
 
-    link: str  # that touches what is held
-    joints: tuple[str, ...]  # that move with it, all alike; the first is measured
-    opens: Vector  # direction in the frame of its link
-    per_m: float = 1.0  # how far the joints are from `closed` for each metre that it is open
-    closed: float = 0.0  # where the joints are when it is closed
+    link: str  # in contact with a held object
+    joints: tuple[str, ...]  # of this finger, all with the same position; the first is measured
+    opens: Vector  # opening direction, in the frame of its link
+    per_m: float = 1.0  # joint displacement from `closed` per metre of opening
+    closed: float = 0.0  # joint position when closed
 
     def position(self, open_m: Number) -> Number:
-        """Where its joints are, rad or m, when it is so far open."""
+        """Joint position, rad or m, for an opening."""
         return self.closed + self.per_m * open_m
 
 
 @dataclass(frozen=True)
 class Hand:
-    """Two fingers that close on one another, and where the TCP is between them."""
+    """Two-finger gripper with its TCP between the fingers."""
 
-    link: str  # to which cameras and loads are fixed
-    tcp: str  # frame: z out of the hand, y along the fingers' way
+    link: str  # that carries cameras and loads
+    tcp: str  # frame: z out of the gripper, y along the motion of the fingers
     fingers: tuple[Finger, Finger]
     open_m: float  # of each finger from the middle, fully open
-    pressed_m: float  # where each is told to go when closed: below zero it presses on thin things
-    eye_m: Vector = (0.07, 0.0, 0.02)  # a camera in the hand stands here in the frame of the link
-    target_m: Vector = (0.0, 0.0, 0.12)  # and looks there
+    pressed_m: float  # target of each finger when closed; below zero, so that it presses on thin objects
+    eye_m: Vector = (0.07, 0.0, 0.02)  # position of an eye-in-hand camera in the frame of `link`
+    target_m: Vector = (0.0, 0.0, 0.12)  # point that it looks at, in the same frame
     drive: Drive = Drive()
 
     @property
     def from_camera(self) -> Matrix:
-        """(4, 4) of an eye-in-hand camera in the frame of the link, OpenCV axes."""
+        """Pose (4, 4) of an eye-in-hand camera in the frame of `link`, OpenCV axes."""
         return from_axes(self.eye_m, z=np.subtract(self.target_m, self.eye_m), y=(-1, 0, 0))
 
     def opening_m(self, command: ArrayLike) -> NDArray[np.float64]:
-        """(...) m of each finger from the middle, as planned: gripper commands from -1 closed to 1 open."""
+        """Planned opening (...) of each finger from the middle, m, for commands from -1 closed to 1 open."""
         return self.open_m * (np.clip(command, -1.0, 1.0) + 1.0) / 2.0
 
     def told_m(self, command: ArrayLike) -> NDArray[np.float64]:
-        """(...) m where each finger is sent to."""
+        """Drive target (...) of each finger from the middle, m, for the same commands."""
         low, high = self.pressed_m, self.open_m
         return low + (np.clip(command, -1.0, 1.0) + 1) / 2 * (high - low)
 
 
 @dataclass(frozen=True)
 class Robot:
-    """An arm with its hand. Arms have six or seven revolute joints; the first turns about the base's z."""
+    """An arm with its gripper. Arms have six or seven revolute joints; the first turns about the base's z.
+
+    Raises ArgumentError for another number of joints, and for postures of another length.
+    """
 
     name: str  # the value of `model` in a task
-    title: str  # for readers
-    # A file, package://PACKAGE/PATH of an installed Python package, or one that is made of two.
+    title: str  # for display
+    # A file, package://PACKAGE/PATH in an installed Python package, or a combination of two URDFs.
     urdf: str | Path | Mounted
-    joints: tuple[str, ...]  # of the arm, from the base on
+    joints: tuple[str, ...]  # of the arm, starting at the base
     hand: Hand
-    rest_rad: tuple[float, ...]  # of the arm, when it has nothing to do
-    aside_rad: tuple[float, ...]  # of the arm, pulled in over its own base
+    rest_rad: tuple[float, ...]  # posture of an idle arm
+    aside_rad: tuple[float, ...]  # posture retracted over its own base
     reach_m: float  # of the TCP from the base
-    kind: str = ""  # as others call it, in lower case; `name` unless given
-    swivel: int | None = None  # the joint that takes the elbow out of the upright plane, where one does
-    reflex_n: float = 20.0  # with which it is pushed until it stops
+    kind: str = ""  # robot's name in exported data sets, in lower case; default `name`
+    swivel: int | None = None  # index of the joint that turns the elbow out of the vertical plane, if any
+    reflex_n: float = 20.0  # contact force above which the real arm would stop
     drive: Drive = Drive()
-    inverse: Callable[["Robot"], Inverse] | None = None  # by Newton steps unless given
+    inverse: Callable[["Robot"], Inverse] | None = None  # default: Newton steps
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -141,37 +144,37 @@ class Robot:
         object.__setattr__(self, "kind", self.kind or self.name)
 
     def __hash__(self) -> int:
-        return hash(self.name)  # it is asked for at every look-up; equality tells the rest
+        return hash(self.name)  # cheap, for cache look-ups; equality compares all fields
 
     @property
     def dof(self) -> int:
-        """Joints of the arm."""
+        """Number of joints of the arm."""
         return len(self.joints)
 
     @property
     def spare(self) -> bool:
-        """Whether it has a joint more than a pose takes."""
+        """Whether the arm has a redundant joint."""
         return self.dof > 6
 
     @property
     def urdf_path(self) -> Path:
-        """Raises StageError where the package that it lies in is not installed."""
+        """Path of the URDF. Raises StageError where the package that contains it is not installed."""
         return self.urdf.path if isinstance(self.urdf, Mounted) else located(self.urdf)
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names along a row of measured joints: the arm's, then of each finger."""
+        """Names of the columns of measured joints: the arm's, then one per finger."""
         fingers = (finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers)
         return (*self.joints, *fingers)
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Names of all joints that move: the arm's, then those of the fingers."""
+        """Names of all movable joints: the arm's, then the fingers'."""
         return (*self.joints, *(joint for finger in self.hand.fingers for joint in finger.joints))
 
     @property
     def told(self) -> tuple[str, ...]:
-        """Names along a row of a command."""
+        """Names of the columns of a command."""
         return (*self.joints, "gripper")
 
     @property
@@ -183,7 +186,7 @@ class Robot:
 
     @property
     def gripper(self) -> frozenset[str]:
-        """The links that may touch what is to be held."""
+        """The links that may touch an object to be grasped."""
         return frozenset({self.hand.link, *(finger.link for finger in self.hand.fingers)})
 
     @property
@@ -193,7 +196,7 @@ class Robot:
 
     @property
     def planned_rad(self) -> NDArray[np.float64]:
-        """(2, dof) between which postures are planned, a small margin within the limits."""
+        """(2, dof) limits of planned postures, `MARGIN_RAD` within the joint limits."""
         return self.limits_rad + np.array([[MARGIN_RAD], [-MARGIN_RAD]])
 
     @property
@@ -212,14 +215,14 @@ class Robot:
 
     @property
     def meshes(self) -> "Mapping[str, LinkMesh]":
-        """Link -> vertices (V, 3) in metres in its frame, faces (F, 3), linear RGB (V, 3), few triangles."""
+        """Link -> simplified mesh: vertices (V, 3) in its frame in m, faces (F, 3), linear RGB (V, 3)."""
         from rf_exp.robots.meshes import light_meshes
 
         return light_meshes(self)
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What decides how it moves."""
+        """All that determines its motion, for identities of artifacts."""
         content = hashlib.sha256(self.urdf_path.read_bytes()).hexdigest()[:16]
         about = {"urdf": content, "hand": repr(self.hand), "aside_rad": list(self.aside_rad)}
         return {"name": self.name, **about, "reach_m": self.reach_m, "drive": repr(self.drive)}
@@ -234,20 +237,20 @@ class Robot:
 
     @property
     def solver(self) -> Inverse:
-        """Its inverse kinematics."""
+        """Inverse kinematics of the robot."""
         from rf_exp.robots.kinematics import solver_of
 
         return solver_of(self)
 
     @property
     def _chain(self) -> "Chain":
-        from rf_exp.robots.kinematics import chain_of  # a task is read without Pinocchio
+        from rf_exp.robots.kinematics import chain_of  # not above: reading a task does not need Pinocchio
 
         return chain_of(self)
 
 
 class Arm:
-    """A robot that is bolted to the table: kinematics in the world, at `world_from_base` (4, 4)."""
+    """A robot mounted at `world_from_base` (4, 4): kinematics in the world frame."""
 
     def __init__(self, robot: Robot, world_from_base: Matrix) -> None:
         self.robot, self.world_from_base = robot, world_from_base
@@ -255,7 +258,7 @@ class Arm:
         self._solver, self._limits_rad = robot.solver, robot.planned_rad
 
     def joints(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., dof) of this arm, of measured joints or commands (..., D) of a task with more."""
+        """The arm's joints (..., dof) from rows (..., D) of measured joints or commands."""
         return rows[..., : self.robot.dof]
 
     def tcp(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -267,31 +270,31 @@ class Arm:
         return self.world_from_base @ self.robot.link_poses(qpos)
 
     def postures(self, world_from_tcp: NDArray[np.float64], last_rad: ArrayLike) -> NDArray[np.float64]:
-        """See `Inverse`, for poses in the world, within the joint limits and a small margin."""
+        """See `Inverse`, for poses in the world frame and `Robot.planned_rad` as limits."""
         return self._solver.postures(self._base_from_world @ world_from_tcp, last_rad, self._limits_rad)
 
     def facing(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See `Inverse`, for poses in the world."""
+        """See `Inverse`, for poses in the world frame."""
         return self._solver.facing(self._base_from_world @ world_from_tcp)
 
     def aside_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(...) rad by which the elbow is out of the upright plane at joints (..., dof)."""
+        """Absolute angle (...) in rad of the elbow from the vertical plane, at joints (..., dof)."""
         swivel = self.robot.swivel
         return np.zeros(joints.shape[:-1]) if swivel is None else np.abs(joints[..., swivel])
 
     def beyond(self, branch: int) -> int:
-        """The branch in which an arm goes on beyond a singularity, an upright shoulder for one."""
+        """The branch in which an arm continues beyond a singularity, such as an upright shoulder."""
         return int(self._solver.other[branch])
 
     def crossed(self, found: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Postures (..., branches, dof), each in place of the one of `beyond`, laid out as `postures` are."""
+        """Postures (..., branches, dof) with their branches permuted: branch k holds that of `beyond(k)`."""
         return np.moveaxis(np.moveaxis(found, -1, 0).take(self._solver.other, axis=-1), 0, -1)
 
     def solve(self, world_from_tcp: Matrix, near_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Joints (dof,) rad that put the TCP at a pose, near to `near_rad`; None where there are none.
+        """Joints (dof,) rad that put the TCP at a pose, nearest to `near_rad`; None where there are none.
 
-        The last joint of an arm with one to spare stays as it is where a neighbouring posture allows that, so
-        along a path of near poses the joints go smoothly; otherwise it is the nearest posture of a range.
+        The last joint of a redundant arm keeps its angle where this gives a posture within `NEIGHBOUR_RAD`,
+        so that the joints move smoothly along a path of close poses; otherwise a range of angles is tried.
         """
         near_rad = self.joints(near_rad)
         last = near_rad[-1]

@@ -1,9 +1,9 @@
 """Closed-form inverse kinematics of Universal Robots' UR5: all postures that put its TCP at a pose.
 
-Three axes of the arm are parallel. The first joint follows from how far beside the shoulder the wrist is, the
-fifth from how the hand leans out of the plane of the arm, the sixth from how it is turned, and what is left
-is an arm of two links in that plane (Hawkins 2013, "Analytic inverse kinematics for the Universal Robots").
-Each of three times there are two ways. Frames are those of the maker's URDF.
+Three axes of the arm are parallel. The first joint follows from the lateral offset of the wrist, the fifth
+from the inclination of the gripper to the plane of the arm, the sixth from its rotation; the rest is a
+two-link arm in that plane (Hawkins 2013, "Analytic inverse kinematics for the Universal Robots"). Shoulder,
+wrist and elbow have two solutions each. Frames are those of the manufacturer's URDF.
 """
 
 from typing import TYPE_CHECKING
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from rf_exp.robots.robot import Robot
 
 SHOULDER_M = 0.089159  # height of the second axis above the base
-UPPER_M, LOWER_M = 0.425, 0.39225  # of the arm
-BESIDE_M = 0.10915  # of the wrist: the plane of the fifth axis beside the first one
+UPPER_M, LOWER_M = 0.425, 0.39225  # lengths of upper and lower arm
+BESIDE_M = 0.10915  # lateral offset of the plane of the fifth axis from the first axis
 WRIST_M, FLANGE_M = 0.09465, 0.0823  # along the fifth axis to the sixth, along the sixth to the flange
 BRANCHES = 8  # side of the shoulder x of the wrist x of the elbow
-SINGULAR = 1e-9  # a smaller sine of the fifth joint is none: then the fourth axis and the sixth are one
+SINGULAR = 1e-9  # a smaller sine of the fifth joint counts as zero: the fourth and sixth axis are parallel
 
 _SIDES = np.array([1.0, -1.0])
 Floats = NDArray[np.float64]
 
 
 class UR5ClosedForm:
-    """The UR5's `rf_exp.robots.Inverse`. Of angles that are whole turns apart it gives the nearest to rest.
+    """`rf_exp.robots.Inverse` of the UR5. Of angles whole turns apart it returns the nearest to rest.
 
-    Where the fifth joint is at zero or half a turn the fourth and the sixth turn about one axis, and any
-    sixth joint will do: it is the last one that is given. Branches there are alike in pairs.
+    Where the fifth joint is 0 or 180 degrees, the fourth and the sixth axis are parallel and the sixth joint
+    is arbitrary: it is set to the given last joint. Branches are then equal in pairs.
     """
 
     branches, other = BRANCHES, np.arange(BRANCHES)
@@ -42,7 +42,7 @@ class UR5ClosedForm:
         self._rest = np.array(robot.rest_rad)
 
     def facing(self, base_from_tcp: Floats) -> Floats:
-        """See `Inverse`: that of rest, as it says nothing."""
+        """See `Inverse`: the angle at rest, as the arm has no redundant joint."""
         return np.full(np.shape(base_from_tcp)[:-2], self._rest[-1])
 
     def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
@@ -58,21 +58,22 @@ class UR5ClosedForm:
         return np.broadcast_to(found, (*shape, BRANCHES, 6)).copy()
 
     def _solved(self, base_from_flange: Floats, last: Floats) -> Floats:
-        """(..., BRANCHES, 6) rad; NaN where the pose is out of reach.
+        """Joints (..., BRANCHES, 6) rad; NaN where the pose is out of reach.
 
-        In the plane of the arm, x points away from the base and y out of the plane; angles go down from x.
+        In the frame of the arm's plane, x points away from the base and y out of the plane; angles are
+        measured from x downwards.
         """
         pose = base_from_flange[..., None, None, None, :, :]
         shoulder, wrist, elbow = _SIDES[:, None, None], _SIDES[:, None], _SIDES
         x, out, place = pose[..., :3, 0], pose[..., :3, 2], pose[..., :3, 3]
-        middle = place - FLANGE_M * out  # where the fifth axis meets the sixth
+        middle = place - FLANGE_M * out  # intersection of the fifth and the sixth axis
         beside = np.arcsin(BESIDE_M / np.hypot(middle[..., 0], middle[..., 1]))
         beside = np.where(shoulder > 0, beside, np.pi - beside)
         first = np.arctan2(middle[..., 1], middle[..., 0]) - beside
         cos, sin = np.cos(first), np.sin(first)
 
         def in_plane(vector: Floats) -> tuple[Floats, Floats, Floats]:
-            """Along x, down and along y."""
+            """Components along x, downwards and along y."""
             along = cos * vector[..., 0] + sin * vector[..., 1]
             return along, -vector[..., 2], cos * vector[..., 1] - sin * vector[..., 0]
 
@@ -80,15 +81,15 @@ class UR5ClosedForm:
         x_along, x_down, x_beside = in_plane(x)
         sine = wrist * np.hypot(out_along, out_down)
         fifth = np.arctan2(sine, out_beside)
-        # The way of the sixth axis in the plane, to which the fifth axis is square; where the sixth axis has
-        # none, that with which the sixth joint is as it is given.
+        # Direction of the sixth axis in the plane, perpendicular to the fifth axis; where the sixth axis is
+        # normal to the plane, the direction for which the sixth joint is the given one.
         turned = np.sign(out_beside) * last[..., None, None, None]
         cos6, sin6 = np.cos(turned), np.sin(turned)
         flat = np.abs(sine) < SINGULAR
         side = np.where(out_beside < 0, 1.0, -1.0)
         ahead = np.where(flat, side * (cos6 * x_along + sin6 * x_down), out_along * wrist)
         down = np.where(flat, side * (cos6 * x_down - sin6 * x_along), out_down * wrist)
-        leaning = np.arctan2(down, ahead)  # the sum of the second, third and fourth joint
+        leaning = np.arctan2(down, ahead)  # sum of the second, third and fourth joint
         cos_, sin_ = np.cos(leaning), np.sin(leaning)
         fifth_along, fifth_down = -sin_, cos_  # the fifth axis
         sixth = np.arctan2(
@@ -109,6 +110,6 @@ class UR5ClosedForm:
 
 
 def _flange_at_zero() -> Floats:
-    """base_from_flange (4, 4) with all joints at zero: along x, and the sixth axis along y."""
+    """base_from_flange (4, 4) with all joints at zero: the arm along x, the sixth axis along y."""
     place = UPPER_M + LOWER_M, BESIDE_M + FLANGE_M, SHOULDER_M - WRIST_M
     return from_axes(place, z=(0, 1, 0), y=(0, 0, 1))

@@ -1,4 +1,4 @@
-"""What the URDF of a robot says beside its kinematics: axes and limits of joints, shapes of links, pairs."""
+"""URDF reader: axes and limits of joints, collision shapes of links, and self-collision pairs."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -25,16 +25,16 @@ Element = ElementTree.Element
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """How a joint moves."""
+    """Axis of a joint."""
 
-    direction: NDArray[np.float64]  # (3,) in the frame of the joint, of length one
-    slides: bool  # along it; otherwise it turns about it
+    direction: NDArray[np.float64]  # (3,) unit vector in the frame of the joint
+    slides: bool  # prismatic; otherwise revolute
     limits: tuple[float, float]  # rad, or m
 
 
 @cache
 def root_of(robot: "Robot") -> Element:
-    """The root of the URDF. Raises ArgumentError for a file that is none."""
+    """The root of the URDF. Raises ArgumentError for a file that cannot be read."""
     path = robot.urdf_path
     try:
         return ElementTree.parse(path).getroot()
@@ -44,14 +44,14 @@ def root_of(robot: "Robot") -> Element:
 
 @cache
 def axes(robot: "Robot") -> dict[str, Axis]:
-    """Joint -> how it moves, of all that do."""
+    """Joint -> its axis, for all movable joints."""
     found = {}
     for joint in root_of(robot).findall("joint"):
         if (kind := joint.attrib["type"]) not in ("revolute", "continuous", "prismatic"):
             continue
         said, limit = joint.find("axis"), joint.find("limit")
         direction = _numbers(said.attrib["xyz"]) if said is not None else np.array([1.0, 0.0, 0.0])
-        limits = (-2 * np.pi, 2 * np.pi)  # of what turns without end
+        limits = (-2 * np.pi, 2 * np.pi)  # of continuous joints
         if kind != "continuous" and limit is not None:
             limits = float(limit.attrib.get("lower", 0.0)), float(limit.attrib.get("upper", 0.0))
         length = float(np.linalg.norm(direction))
@@ -85,9 +85,9 @@ def hulls(robot: "Robot") -> dict[str, trimesh.Trimesh]:
 
 @cache
 def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
-    """Index pairs into the solid links that must not touch: all that the SRDF beside the URDF excuses not.
+    """Index pairs into the solid links that must not touch: all not excused by the SRDF beside the URDF.
 
-    Without one, neighbours are excused, the links of a hand, and those whose hulls overlap at rest.
+    Without an SRDF, neighbours, links of the gripper, and links whose hulls overlap at rest are excused.
     """
     links = solid_links(robot)
     pairs = tuple(combinations(range(len(links)), 2))
@@ -109,7 +109,7 @@ def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
 
 
 def placement(element: Element) -> Matrix:
-    """The (4, 4) pose of a shape or joint in its link; angles are roll, pitch, yaw about fixed axes."""
+    """Pose (4, 4) of a shape or joint in its link; angles are roll, pitch, yaw about fixed axes."""
     origin = element.find("origin")
     if origin is None:
         return transform()
@@ -122,7 +122,7 @@ def _numbers(text: str) -> NDArray[np.float64]:
 
 
 def shape(element: Element, folder: Path, robot: str) -> trimesh.Trimesh:
-    """The shape of a collision or visual element, in its own frame. Raises ArgumentError for other kinds."""
+    """The mesh of a collision or visual element, in its own frame. Raises ArgumentError for other shapes."""
     geometry = element.find("geometry")
     said = geometry[0] if geometry is not None and len(geometry) else None
     kind, said = (said.tag, said.attrib) if said is not None else ("nothing", {})
@@ -139,7 +139,7 @@ def shape(element: Element, folder: Path, robot: str) -> trimesh.Trimesh:
 
 
 def _solid_parents(robot: "Robot") -> dict[str, str]:
-    """Solid link -> the solid link that is the nearest above it; what is between them has no shapes."""
+    """Solid link -> its nearest solid ancestor; links between them have no collision shapes."""
     above = {child: parent for parent, child in map(ends, root_of(robot).findall("joint"))}
     solid, found = set(solid_links(robot)), {}
     for link in solid & {*above}:
@@ -152,7 +152,7 @@ def _solid_parents(robot: "Robot") -> dict[str, str]:
 
 
 def _planes(hull: trimesh.Trimesh, pose: Matrix) -> NDArray[np.float64]:
-    """(F, 4) unit normal n and offset d of each face, with n.x <= d inside."""
+    """Planes (F, 4) of the faces: unit normal n and offset d, with n.x <= d inside."""
     corners = apply(pose, np.asarray(hull.triangles[:, 0]))
     normals = np.asarray(hull.face_normals) @ pose[:3, :3].T
     return np.column_stack([normals, (normals * corners).sum(axis=1)])

@@ -1,4 +1,4 @@
-"""What touches what: grasps and collisions between arms, read from PhysX's contact list."""
+"""Contacts: grasps, and contacts between arms and with clutter, read from PhysX's contact list."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Vector = NDArray[np.float64]
 
 
 class Contacts:
-    """Knows which body is a link of which arm and which is an object, for one scene."""
+    """Contact reader for one scene: maps bodies to the arms, objects and clutter that they belong to."""
 
     def __init__(
         self,
@@ -28,7 +28,7 @@ class Contacts:
         objects: Mapping[str, sapien.Entity],
         clutter: Mapping[str, sapien.Entity] = MappingProxyType({}),
     ) -> None:
-        # The scene hands out the same Python object for a body as long as one is kept: these maps do.
+        # SAPIEN returns the same Python object for a body while a reference is kept: these maps keep one.
         self._agent_of: dict[physx.PhysxRigidBaseComponent, int] = {
             link: agent for agent, robot in enumerate(robots, 1) for link in robot.links
         }
@@ -48,8 +48,8 @@ class Contacts:
     def of_fingers(
         self, contacts: Sequence[physx.PhysxContact], timestep_s: float
     ) -> tuple[tuple[str | None, ...], dict[tuple[int, str], Vector]]:
-        """The object between the fingers of each arm, now, and (agent, object) -> the force in N (3,) with
-        which the fingers push it, world frame."""
+        """The object grasped by each arm, or None, and (agent, object) -> the force (3,) in N with which the
+        fingers push it, world frame."""
         on_finger: dict[tuple, Vector] = defaultdict(lambda: np.zeros(3))  # N, world frame
         for contact in contacts:
             a, b = contact.bodies
@@ -65,7 +65,7 @@ class Contacts:
     def between_arms(
         self, contacts: Sequence[physx.PhysxContact], timestep_s: float
     ) -> dict[tuple[int, int], float]:
-        """(agent, agent) -> force in N, of the arms that press on one another; agents from 1."""
+        """(agent, agent) -> contact force between the two arms in N, the lower agent first."""
         forces: dict[tuple[int, int], float] = defaultdict(float)
         for contact in contacts:
             a, b = (self._agent_of.get(body) for body in contact.bodies)
@@ -77,7 +77,7 @@ class Contacts:
     def with_clutter(
         self, contacts: Sequence[physx.PhysxContact], timestep_s: float
     ) -> dict[tuple[str, str], float]:
-        """(agent<k> or object, piece of clutter) -> force in N with which they press on one another."""
+        """(agent<k> or object, piece of clutter) -> contact force between them in N."""
         forces: dict[tuple[str, str], float] = defaultdict(float)
         for contact in contacts if self._clutter_of else ():
             for one, other in (contact.bodies, contact.bodies[::-1]):
@@ -87,7 +87,7 @@ class Contacts:
         return {pair: force for pair, force in forces.items() if force > 0}
 
     def _held(self, fingers: Sequence, on_finger: Mapping[tuple, Vector]) -> str | None:
-        """The object that presses both fingers of an arm apart, if any; the hardest pressed of several."""
+        """The object that presses both fingers of an arm apart, or None; of several, the hardest pressed."""
         pinched = {}
         first, second = fingers
         for (finger, name), force in on_finger.items():
@@ -97,7 +97,7 @@ class Contacts:
         return max(pinched, key=pinched.__getitem__, default=None)
 
     def _opened(self, finger: physx.PhysxArticulationLinkComponent, force_n: Vector) -> bool:
-        """Whether the force is strong enough and pushes the finger open."""
+        """Whether the force on the finger exceeds the threshold and points in its opening direction."""
         size = float(np.linalg.norm(force_n))
         if size < GRASP_FORCE_N:
             return False
@@ -112,7 +112,7 @@ def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
 
 
 def _impulse(contact: physx.PhysxContact) -> Vector:
-    """Impulse (3,) in N s that the second body gives the first."""
+    """Impulse (3,) in N s of the second body on the first."""
     total = np.zeros(3)
     for point in contact.points:  # np.sum takes several times as long for so few
         total += point.impulse

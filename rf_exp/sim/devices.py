@@ -1,4 +1,4 @@
-"""What stands between the simulated world and who acts in it: sensors and actuators that are not exact."""
+"""Inexact sensors and actuators between the simulator and the policies."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -14,10 +14,10 @@ FLICKERS = 0.1  # half range of a flickering frame's relative exposure (RoboTwin
 
 
 class Devices:
-    """The cameras, joint encoders and drives of one episode."""
+    """Cameras, joint encoders and drives of one episode."""
 
     def __init__(self, start: Start, command: NDArray[np.float64], cameras: Sequence[str]) -> None:
-        """`command` (N, A) is where the arms are held at first, by their true joints; `cameras` in order."""
+        """`command` (N, A) holds the arms at their initial true joints; `cameras` in the task's order."""
         self._how, self._seed = start.devices, start.seed
         self._copy = [start.copy] if start.copy else []
         self._offset = np.array(self._how.joint_offset_rad) if self._how.joint_offset_rad else 0.0
@@ -25,13 +25,13 @@ class Devices:
         self._impaired, self._dark = self._how.impaired, -1
         if self._impaired is not None:
             self._row = self._impaired.agent - 1
-            self._follows = command[self._row].copy()  # what the impaired arm is at
+            self._follows = command[self._row].copy()  # last target of the impaired arm
             self._waits = deque([self._follows] * self._impaired.delay_steps)
             if self._impaired.dark:
                 self._dark = cameras.index(f"agent{self._impaired.agent}")
 
     def carried_out(self, command: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the arms are told by their true joints in the step in which (N, A) is commanded."""
+        """Delayed targets (N, A), in true joints, for the step in which (N, A) is commanded."""
         if self._how.exact:
             return command
         meant = command.copy()
@@ -44,7 +44,7 @@ class Devices:
         return told
 
     def _follow(self, told: NDArray[np.float64], speed_rad_s: float) -> NDArray[np.float64]:
-        """What the impaired arm does of what it is told (A,): no joint of it goes faster than it can."""
+        """Limits a target (A,) of the impaired arm to its joint speed."""
         if speed_rad_s:
             most = speed_rad_s * CONTROL_DT_S
             told[:-1] = self._follows[:-1] + (told - self._follows)[:-1].clip(-most, most)
@@ -52,19 +52,19 @@ class Devices:
         return told
 
     def command_of(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The command (N, A) that holds arms where their true joints are."""
+        """The command (N, A), in measured joints, that holds arms at their true joints."""
         said = true.copy()
         said[:, :-1] += self._offset
         return said
 
     def true(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joints (N, D) as they are, of those that were measured."""
+        """True joints (N, D) from measured ones."""
         found = qpos.copy()
         joints_of(found)[:] -= self._offset
         return found
 
     def measured(self, scene: Scene) -> Scene:
-        """The scene with the joints as they are measured."""
+        """The scene with measured joints in place of true ones."""
         if not self._how.joint_offset_rad:
             return scene
         qpos = scene.qpos.copy()
@@ -72,13 +72,13 @@ class Devices:
         return replace(scene, qpos=qpos, joint_offset_rad=self._offset)
 
     def taken(self, picture: NDArray[np.uint8], camera: int, step: int) -> NDArray[np.uint8]:
-        """A picture (H, W, 3) as the camera of this number delivers it at a control step, each time alike."""
+        """A rendered picture (H, W, 3) with the errors of this camera at a control step; deterministic."""
         if self._how.sees_exactly:
             return picture
         if camera == self._dark:
             return np.zeros_like(picture)
         gain = self._how.gain
-        # Of all cameras: the lamp flickers.
+        # The lamp flickers: the same random numbers for all cameras.
         rng = np.random.default_rng([self._seed, FLICKER, step, *self._copy])
         if rng.uniform() < self._how.flicker:
             gain *= 1.0 + rng.uniform(-FLICKERS, FLICKERS)

@@ -1,8 +1,8 @@
-"""The one ManiSkill environment: any number of arms on a table, set up by a task.
+"""ManiSkill environment: any number of arms on a table, set up by a task.
 
 Physics runs at 100 Hz and control at 20 Hz for every task. The scene is rebuilt at every reset:
-PhysX keeps contact caches and the order of its bodies, so only a new scene makes the same seed
-give the same bytes whatever ran before.
+PhysX keeps contact caches and the order of its bodies, so only a new scene gives the same bytes
+for the same seed, whatever ran before.
 """
 
 import ctypes
@@ -28,57 +28,57 @@ from rf_exp.sim.robots import Rows, uid_of
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_HZ, FINGERS
 
-CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on one edge only: things swing
+CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad has contacts on one edge only: objects swing
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
 # SAPIEN's cameras look along x with y to the left and z up.
 OPENCV_FROM_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 SHADERS = Path(__file__).parent / "shaders"
-LIKE = "minimal"  # ManiSkill's pack that has the same textures
+LIKE = "minimal"  # ManiSkill's shader pack with the same textures
 FORMATS = {"Color": "r8g8b8a8unorm", "PositionSegmentation": "r16g16b16a16sint"}
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 KEPT_FREE_BYTES, MAPPED_BYTES = 256 << 20, 32 << 20
 
 
 def shader_config() -> ShaderConfig:
-    """ManiSkill's description of our shaders, a folder of GLSL files that SAPIEN compiles.
+    """ManiSkill's configuration of our shaders, a folder of GLSL files that SAPIEN compiles.
 
-    They know what our scenes have, and no more. The `minimal` pack inverts a matrix for every vertex,
-    carries a tangent frame for textures of normals, looks up an environment and a table of reflections for
-    every pixel, and copies the picture in a pass of its own. Nothing of that is seen in a scene with
-    textures of colours alone and without surroundings to mirror: what ours draw is equal
-    (tests/sim/test_shading.py), but for single pixels that round to the next of 255 shades. `python
-    benchmarks/render.py` tells what a picture costs.
+    They compute only what our scenes need. The `minimal` pack inverts a matrix for every vertex, carries a
+    tangent frame for normal maps, looks up an environment map and a reflection table for every pixel, and
+    copies the picture in a separate pass. None of that is visible in a scene with colour textures only and
+    without an environment map: the pictures are equal (tests/sim/test_shading.py), but for single pixels
+    that round to the next of 255 shades. `python benchmarks/render.py` measures the cost of a picture.
     """
     return replace(PREBUILT_SHADER_CONFIGS[LIKE], shader_pack=str(SHADERS))
 
 
 @cache
 def keep_freed_memory() -> None:
-    """Lets malloc keep what was freed, for the next picture, where it is glibc's.
+    """Lets malloc keep freed memory for the next picture; glibc only.
 
-    The software driver takes and frees megabytes for every picture. Handed back to the system each time, they
-    cost 40 % of a picture's processor time in page faults.
+    The software driver allocates and frees megabytes for every picture. Returned to the system each time,
+    they cost 40 % of a picture's processor time in page faults.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_M_TRIM_THRESHOLD, KEPT_FREE_BYTES)
-        mallopt(_M_MMAP_THRESHOLD, MAPPED_BYTES)  # or what is larger than 128 KiB would be mapped anew
+        mallopt(_M_MMAP_THRESHOLD, MAPPED_BYTES)  # or blocks larger than 128 KiB would be mapped anew
 
 
 @cache
 def _freeze_modules() -> None:
-    """ManiSkill collects garbage at every reset; what is imported by now need not be searched each time."""
+    """Excludes imported modules from the garbage collection that ManiSkill runs at every reset."""
     gc.collect()
     gc.freeze()
 
 
 def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
-    """Lets the links of one arm pass through those of the same arm only, where its SRDF excuses them.
+    """Restricts the link pairs that an SRDF excuses from collision to links of the same arm.
 
     SAPIEN gives the two links of an excused pair a common bit in word 2 of their collision groups, and
-    PhysX then ignores every two shapes with a common bit and the same number in word 3. Arms of a kind get
-    the same bits, and nobody sets the number: hands of different arms would pass through one another.
+    PhysX then ignores every two shapes with a common bit and the same number in word 3. Arms of one model
+    get the same bits and SAPIEN leaves the number unset: without this, grippers of different arms would pass
+    through one another.
     """
     for link in robot.links:
         for shape in link.collision_shapes:
@@ -87,13 +87,13 @@ def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
 
 
 class TableEnv(BaseEnv):
-    """Robots, objects, cameras and light of one task. A seed fixes the whole start."""
+    """Robots, objects, cameras and light of one task. The seed fixes the whole initial state."""
 
     def __init__(self, task: Task, size_px: tuple[int, int], render_backend: str) -> None:
         _freeze_modules()
-        self._usual = self.task = task  # as configured, and as it stands in the scene of the seed
-        self.copy = 0  # of the scene of a seed that is built next
-        # Of the seed that was reset last; ManiSkill resets once before anybody asks it to.
+        self._usual = self.task = task  # as configured, and varied for the scene of the seed
+        self.copy = 0  # visual copy of the seed's scene that the next reset builds
+        # Set at each reset; ManiSkill resets once in its constructor.
         self.start, self.actors, self.clutter = task.start(0), dict[str, Actor](), dict[str, Actor]()
         self._size_px = size_px
         super().__init__(
@@ -123,7 +123,7 @@ class TableEnv(BaseEnv):
 
     def _setup_sensors(self, options: dict) -> None:
         keep_freed_memory()
-        for texture, stored in FORMATS.items():  # other environments of this process may have changed it
+        for texture, stored in FORMATS.items():  # other environments in this process may have changed it
             sapien.render.set_picture_format(texture, stored)
         super()._setup_sensors(options)
 
@@ -133,7 +133,7 @@ class TableEnv(BaseEnv):
         return self.agent.agents if isinstance(self.agent, MultiAgent) else [self.agent]
 
     def hand(self, agent: int):
-        """ManiSkill's link of the hand of an agent."""
+        """ManiSkill's hand link of an agent."""
         return self.arms[agent - 1].robot.links_map[self.task.robots[agent - 1].model.hand.link]
 
     def rows(self) -> list[Rows]:
@@ -172,7 +172,7 @@ class TableEnv(BaseEnv):
         }
 
     def _load_lighting(self, options: dict) -> None:
-        # Nothing casts a shadow: on software Vulkan shadows double the price of a picture.
+        # No shadows: on software Vulkan they double the cost of a picture.
         light = self.start.lamps.brighter(self.start.light)
         self.scene.set_ambient_light([*light.ambient])
         for lamp in light.lamps:
@@ -181,4 +181,4 @@ class TableEnv(BaseEnv):
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         for rows, row in zip(self.rows(), self.start.qpos, strict=True):
             rows.place(row)
-            rows.drive(row)  # else it would start towards zero
+            rows.drive(row)  # else the arm would move towards zero

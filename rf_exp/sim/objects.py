@@ -1,4 +1,4 @@
-"""Builds assets, and the table, as ManiSkill actors: convex pieces, and a render mesh for each finish."""
+"""ManiSkill actors of assets and of the table: convex collision pieces, and a render mesh per finish."""
 
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -20,14 +20,14 @@ from rf_exp.tasks.assets import Asset, Colour, Hinge, Part
 from rf_exp.transforms import Matrix, from_axes, planar, quaternion, transform
 from rf_exp.types import BARE, Finish, Look, Texture
 
-SMOOTH_RAD = np.deg2rad(30)  # edges sharper than this are seen as edges
+SMOOTH_RAD = np.deg2rad(30)  # sharper edges are not shaded smooth
 UNTINTED = np.ones(3)
-UNBENT = 1e4, 1e2  # N m/rad and N m s/rad with which a hinge keeps to its axis
-PATCH_RADIUS_M = 0.02  # torsional friction of a contact, as of a soft surface
+UNBENT = 1e4, 1e2  # stiffness in N m/rad and damping in N m s/rad of a hinge about its other axes
+PATCH_RADIUS_M = 0.02  # torsional friction of contacts, like that of a soft surface
 WHITE: Colour = (1.0, 1.0, 1.0)
-MIPMAPS = SIZE_PX.bit_length()  # down to one pixel, or what repeats far away would flicker
+MIPMAPS = SIZE_PX.bit_length()  # down to one pixel, or distant repeating patterns would flicker
 FLOOR_Z_M = -0.75
-WALL_M = 3.5  # from the middle of the room
+WALL_M = 3.5  # from the centre of the room
 WOOD, LEG, FLOOR, WALL = (0.50, 0.37, 0.25), (0.12, 0.12, 0.13), (0.30, 0.31, 0.32), (0.42, 0.48, 0.54)
 
 
@@ -37,13 +37,13 @@ def sapien_pose(matrix: Matrix) -> sapien.Pose:
 
 
 def matrix_of(pose: Any) -> Matrix:
-    """(4, 4) of a pose of SAPIEN's."""
+    """The (4, 4) matrix of a SAPIEN pose."""
     return pose.to_transformation_matrix().astype(float)
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles of one finish, shaded, in the frame of their asset."""
+    """Shaded triangle mesh of one finish, in the frame of its asset."""
 
     vertices: NDArray[np.float32]  # (V, 3) metres
     faces: NDArray[np.uint32]  # (F, 3)
@@ -51,7 +51,7 @@ class Surface:
     colour: Colour
     roughness: float
     metallic: float
-    texture: Texture | None = None  # drawn in the colour
+    texture: Texture | None = None  # multiplied by the colour
 
     def shape(self, tint: NDArray[np.float64]) -> sapien.render.RenderShapeTriangleMesh:
         """A new render shape, its colour times `tint` (3,); needs a renderer."""
@@ -72,7 +72,7 @@ class Surface:
         return sapien.render.RenderShapeTriangleMesh(mesh.vertices, mesh.faces, mesh.normals, uvs, material)
 
     def _apart(self) -> "Surface":
-        """The same triangles, none sharing a vertex: neighbours may be textured along other axes."""
+        """The same triangles without shared vertices: neighbours may be textured along different axes."""
         corners = self.faces.ravel()
         faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
         return replace(self, vertices=self.vertices[corners], faces=faces, normals=self.normals[corners])
@@ -86,8 +86,8 @@ class Surface:
 
 
 def covered(seen: tuple[Surface, ...], finish: Finish) -> tuple[Surface, ...]:
-    """Surfaces with another finish: its colour on the lightest, and as much darker on others as they were."""
-    lightest = max(max(surface.colour) for surface in seen) or 1.0  # all is black
+    """Surfaces with another finish: its colour on the lightest; the others keep their relative brightness."""
+    lightest = max(max(surface.colour) for surface in seen) or 1.0  # all surfaces black
     found = []
     for surface in seen:
         colour, shade = surface.colour, max(surface.colour) / lightest
@@ -100,7 +100,7 @@ def covered(seen: tuple[Surface, ...], finish: Finish) -> tuple[Surface, ...]:
 
 @lru_cache(maxsize=64)  # takes milliseconds
 def surfaces(asset: Asset) -> tuple[Surface, ...]:
-    """The render meshes of an asset, one for each finish."""
+    """The render meshes of an asset, one per finish."""
 
     def finish(part: Part) -> tuple[Colour, float, float]:
         return part.colour, part.roughness, part.metallic
@@ -115,7 +115,7 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
 
 
 class AssetBuilder(ActorBuilder):
-    """ManiSkill's actor builder, fed with an Asset instead of files."""
+    """ManiSkill actor builder that takes an Asset instead of files."""
 
     def __init__(
         self, asset: Asset, seen: tuple[Surface, ...], tint: NDArray[np.float64], mass_kg: float
@@ -162,7 +162,7 @@ def build(
     tint: NDArray[np.float64] = UNTINTED,
     mass_kg: float | None = None,
 ) -> Actor:
-    """Put an asset into the scene, colours times `tint` (3,); surfaces and mass are its own unless given."""
+    """Adds an asset to the scene, colours times `tint` (3,); surfaces and mass default to its own."""
     seen = surfaces(asset) if seen is None else seen
     builder: Any = AssetBuilder(asset, seen, tint, asset.mass_kg if mass_kg is None else mass_kg)
     builder.set_scene(scene)
@@ -171,7 +171,7 @@ def build(
 
 
 def hang(thing: Actor, bearer: Actor, hinge: Hinge, bearer_from_shut: Matrix) -> None:
-    """Let one turn about its hinge on another one, with which it no longer collides: stops hold it."""
+    """Joins an object to its bearer by a hinge. The two no longer collide; joint limits stop the object."""
     drive = physx.PhysxDriveComponent(thing._bodies[0])
     drive.set_parent(bearer._bodies[0])
     # PhysX twists about the x axis of the joint.
@@ -189,7 +189,7 @@ def hang(thing: Actor, bearer: Actor, hinge: Hinge, bearer_from_shut: Matrix) ->
 
 @cache
 def _table() -> Asset:
-    """A table large enough for every arm of every task, and the floor below."""
+    """A table large enough for every arm of every task, with the floor and the walls."""
     x, y, thick = np.array(TABLE_M) / 2
     cx, cy = TABLE_CENTRE_M
     leg = (-FLOOR_Z_M - 2 * thick) / 2
@@ -205,7 +205,7 @@ def _table() -> Asset:
 
 
 def build_table(scene: ManiSkillScene, look: Look) -> None:
-    """Table, floor and walls, the same for every task but for what covers them."""
+    """Adds table, floor and walls, the same for every task except for their finishes."""
     finishes = {WOOD: look.table, FLOOR: look.floor, WALL: look.walls}
     seen = [covered((each,), finishes.get(each.colour, BARE)) for each in surfaces(_table())]
     build(scene, "table", _table(), transform(), seen=sum(seen, ()))

@@ -1,4 +1,4 @@
-"""A robot as ManiSkill loads it, with light visual meshes and absolute joint targets; its joints as rows."""
+"""ManiSkill agent of a robot, with light visual meshes and absolute joint targets; its joints as rows."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -25,12 +25,12 @@ Floats = NDArray[np.float64]
 GRIP: Any = {"material": "gripper", "patch_radius": 0.1, "min_patch_radius": 0.1}
 MATERIAL: Any = {"static_friction": 2.0, "dynamic_friction": 2.0, "restitution": 0.0}
 
-_BUILDERS: dict[tuple[Robot, str], ArticulationBuilder] = {}  # what was read of a robot's URDF at a path
+_BUILDERS: dict[tuple[Robot, str], ArticulationBuilder] = {}  # (robot, URDF path) -> parsed URDF
 
 
 @cache
 def uid_of(robot: Robot) -> str:
-    """ManiSkill's name of a robot, by which it finds it from now on."""
+    """Registers a robot as an agent of ManiSkill; returns its uid."""
     uid = f"rf_{robot.name}"
     fingers = {finger.link: GRIP for finger in robot.hand.fingers}
     said = {"uid": uid, "model": robot, "urdf_config": {"_materials": {"gripper": MATERIAL}, "link": fingers}}
@@ -42,7 +42,7 @@ class Agent(BaseAgent):
     """Action: the joint targets of the arm in rad, then the gripper in [-1 closed, 1 open]."""
 
     model: Robot  # of each subclass
-    robot: Any = None  # ManiSkill has both loaded as it makes an agent
+    robot: Any = None  # like the names below set by `_load_articulation`, in ManiSkill's constructor
     robot_link_names: Sequence[str] = ()
 
     @property
@@ -50,14 +50,14 @@ class Agent(BaseAgent):
         return str(light_urdf(self.model))
 
     def _load_articulation(self, initial_pose: sapien.Pose | Pose | None = None) -> None:
-        """As ManiSkill has it, but that each process reads the URDF once: it is a third of a reset."""
+        """ManiSkill's method, but each process parses the URDF only once: parsing is a third of a reset."""
         known = self.model, self.urdf_path
         if (builder := _BUILDERS.get(known)) is None:
             loader = self.scene.create_urdf_loader()
             loader.fix_root_link = self.fix_root_link
             loader.disable_self_collisions = self.disable_self_collisions
             loader.load_multiple_collisions_from_file = self.load_multiple_collisions
-            config: Any = self.urdf_config  # which ManiSkill says is a string
+            config: Any = self.urdf_config  # ManiSkill annotates it as a string
             apply_urdf_config(loader, parse_urdf_config(config))
             (builder,) = loader.parse(self.urdf_path)["articulation_builders"]
             _BUILDERS[known] = builder
@@ -85,17 +85,17 @@ class Agent(BaseAgent):
 
 
 class Rows:
-    """The joints of an arm in SAPIEN's order, read and told as rows of the suite.
+    """Converter between the joints of an arm in SAPIEN's order and the suite's joint vectors (rows).
 
-    Rows of measured joints are as long as `size` says. Raises ArgumentError for joints that are neither of
-    the arm nor of a finger, and for fingers without one.
+    Rows of measured joints have length `size`. Raises ArgumentError for joints that belong neither to the
+    arm nor to a finger, and for fingers without a joint.
     """
 
     def __init__(self, robot: Robot, found: Articulation, size: int) -> None:
         self._robot, self._size = robot, size
         self.arm: physx.PhysxArticulation = found._objs[0]
         self._joints = self.arm.active_joints
-        # SAPIEN's names begin with those of the scene and of the agent.
+        # The names in SAPIEN itself have the scene's and the agent's name as a prefix.
         names, fingers = [joint.name for joint in found.active_joints], robot.hand.fingers
         if {*names} != {*robot.active} or not all(finger.joints for finger in fingers):
             raise ArgumentError(
@@ -110,33 +110,33 @@ class Rows:
         self._told = [columns[name] for name in names]
 
     def qpos(self) -> Floats:
-        """(D,) rad and metres, as measured."""
+        """(D,) joint positions in rad, fingers in metres."""
         row = self._row(self.arm.qpos)
         row[-FINGERS:] = (row[-FINGERS:] - self._closed) / self._per_m
         return row
 
     def qvel(self) -> Floats:
-        """(D,) rad/s and m/s, as measured."""
+        """(D,) joint velocities in rad/s, fingers in m/s."""
         row = self._row(self.arm.qvel)
         row[-FINGERS:] /= self._per_m
         return row
 
     def place(self, row: Floats) -> None:
-        """Puts the joints where a row (D,) of measured ones has them."""
+        """Sets the joints to a row (D,) of positions."""
         self.arm.set_qpos(self._active(row).astype(np.float32))
 
     def drive(self, row: Floats) -> None:
-        """Sends the joints to where a row (D,) of measured ones has them."""
+        """Sets the drive targets to a row (D,) of positions."""
         for joint, value in zip(self._joints, self._active(row).tolist(), strict=True):
             joint.set_drive_target(value)
 
     def command(self, command: Floats) -> None:
-        """Sends the joints to where a command (D - 1,) says."""
+        """Sets the drive targets from a command (D - 1,)."""
         finger_m = self._robot.hand.told_m(command[-1])
         self.drive(np.concatenate([command[:-1], [finger_m, finger_m]]))
 
     def _active(self, row: Floats) -> Floats:
-        """All active joints, of a row of the arm's joints and the fingers (D,)."""
+        """All active joints, in SAPIEN's order, from a row (D,) of the arm's joints and the fingers."""
         whole = row.copy()
         whole[-FINGERS:] = self._closed + self._per_m * row[-FINGERS:]
         return whole[self._told]

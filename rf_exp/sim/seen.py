@@ -1,4 +1,4 @@
-"""What is seen of a simulator where not all of it is asked for: by some cameras, and beside the pictures."""
+"""Pictures of a subset of the cameras, and depth and segmentation beside them."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Limited:
-    """A simulator of which only some cameras, or none, take pictures, but depth when it is asked for."""
+    """Simulator with pictures from some cameras only, or from none; depth is still available on request."""
 
     def __init__(self, world: "Simulator", cameras: Sequence[str] = ()) -> None:
         self._world, self.cameras = world, tuple(cameras)
@@ -22,15 +22,15 @@ class Limited:
         self.depth, self.camera_models = world.depth, world.camera_models
 
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
-        """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all there are."""
+        """Camera -> (H, W, 3) RGB of the present step: of `cameras`, or of all that this simulator has."""
         return self._world.images(self.cameras if cameras is None else cameras)
 
 
 def depth_and_segmentation(world: "Simulator", cameras: Iterable[str], extras: Extras) -> dict[str, NDArray]:
-    """What `extras` asks for, at the present step.
+    """The depth and segmentation images that `extras` requests, at the present step.
 
-    `depth_<camera>` (H, W) u16 is millimetres along the viewing direction, 0 is nothing;
-    `segmentation_<camera>` (H, W) u8 is an index of `labels`, alike in all scenes of a task.
+    `depth_<camera>` (H, W) u16 is millimetres along the viewing direction, 0 for no surface;
+    `segmentation_<camera>` (H, W) u8 is an index into `labels`, the same in all scenes of a task.
     """
     found: dict[str, NDArray] = {}
     if extras.depth:

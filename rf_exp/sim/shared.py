@@ -1,4 +1,4 @@
-"""Shared simulator: the one of a process, for whoever makes episodes in it. ManiSkill is imported with it."""
+"""Shared simulator: one per process, for all episodes made in it. ManiSkill is imported on first use."""
 
 from typing import TYPE_CHECKING
 
@@ -8,13 +8,13 @@ from rf_exp.types import Pictures
 if TYPE_CHECKING:
     from rf_exp.sim.simulator import Simulator
 
-# One simulator a process, kept between episodes: building the renderer costs seconds.
+# One simulator per process, kept between episodes: building the renderer takes seconds.
 _shared: "dict[tuple[str, Pictures], Simulator]" = {}  # by task and pictures
 
 
 def shared_simulator(task: Task, pictures: Pictures) -> "Simulator":
-    """This process's simulator for a task and picture size; an earlier one is closed."""
-    from rf_exp.sim.simulator import Simulator  # not by those who only start processes that simulate
+    """This process's simulator for a task and picture size; closes one of another task or size."""
+    from rf_exp.sim.simulator import Simulator  # not above: processes that only start others do not need it
 
     key = (repr(task), pictures)
     if key not in _shared:
@@ -25,6 +25,6 @@ def shared_simulator(task: Task, pictures: Pictures) -> "Simulator":
 
 
 def close_shared_simulator() -> None:
-    """Gives the memory of this process's simulator back."""
+    """Closes this process's simulator and frees its memory."""
     while _shared:
         _shared.popitem()[1].close()

@@ -1,4 +1,4 @@
-"""The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
+"""Simulator interface for the rest of the suite: arrays and frozen values, no types of ManiSkill."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -20,14 +20,14 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, CameraModel, Scene, joints_of
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
-GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
+GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, id of the body
 
 
 Pair = TypeVar("Pair")
 
 
 class LoadedScene:
-    """An episode's scene as SAPIEN has loaded it, and how far it is; the next reset builds all of it anew."""
+    """SAPIEN's scene of one episode, and its step counter; the next reset builds all of it anew."""
 
     def __init__(self, env: TableEnv, *, draws: bool) -> None:
         self._rows = env.rows()
@@ -36,7 +36,7 @@ class LoadedScene:
         hands = [robot.model.hand for robot in env.task.robots]
         self.clutter = {name: actor._objs[0] for name, actor in env.clutter.items()}
         self._contacts = Contacts(self.robots, hands, self.bodies, self.clutter)
-        self._with_clutter: dict[tuple[str, str], float] = {}  # with clutter, in the last control step: N
+        self._with_clutter: dict[tuple[str, str], float] = {}  # largest in the last control step, N
         start = joints_of(env.start.qpos)
         held = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
         self.devices = Devices(env.start, held, tuple(env.task.cameras))
@@ -47,10 +47,10 @@ class LoadedScene:
         self._cameras = {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
         self._poses = _measured(self.bodies)
         self.steps = 0
-        self._drawn_at, self._drawn = -1, set[str]()  # the step of the last pictures, and their cameras
+        self._drawn_at, self._drawn = -1, set[str]()  # step of the last rendering, and its cameras
 
     def step(self, action: NDArray[np.float64]) -> dict[tuple[int, int], float]:
-        """Apply a command (N, A) for one control step. (agent, agent) -> the hardest push between them, N."""
+        """Apply a command (N, A) for one control step; returns (agent, agent) -> largest contact force, N."""
         self.command = action.copy()
         told = self.devices.carried_out(action)
         for rows, command in zip(self._rows, told, strict=True):
@@ -59,7 +59,7 @@ class LoadedScene:
         self._with_clutter = {}
         for _ in range(PHYSICS_HZ // CONTROL_HZ):
             self.physics.step()
-            # A contact can be over within one control step: keep the hardest push of the physics steps.
+            # A contact can end within a control step: keep the largest force over its physics steps.
             contacts, timestep_s = self.physics.get_contacts(), self.physics.timestep
             pressed = _hardest(pressed, self._contacts.between_arms(contacts, timestep_s))
             self._with_clutter = _hardest(
@@ -69,7 +69,7 @@ class LoadedScene:
         return pressed
 
     def scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
-        """As measured now; once a control step, since speeds are what has moved since the last time."""
+        """The measured scene; call once per control step, as speeds are displacements since the last call."""
         poses = _measured(self.bodies)
         moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
         self._poses = poses
@@ -79,7 +79,7 @@ class LoadedScene:
             qpos=np.stack([rows.qpos() for rows in self._rows]),
             qvel=np.stack([rows.qvel() for rows in self._rows]),
             poses=poses,
-            # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
+            # PhysX's own velocity of a held object is solver noise: 5 cm/s where nothing moves.
             speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},
             held=held,
             finger_forces=pushes,
@@ -92,7 +92,7 @@ class LoadedScene:
         return self.devices.measured(scene)
 
     def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray]) -> None:
-        """Arms by their measured joints (N, D) and things by their poses, at the next control step."""
+        """Set arms to measured joints (N, D) and objects to poses, and advance the step counter by one."""
         for rows, row in zip(self._rows, self.devices.true(np.asarray(qpos, float)), strict=True):
             rows.place(row)
         for name, pose in poses.items():
@@ -101,7 +101,7 @@ class LoadedScene:
         self.steps += 1
 
     def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
-        """Camera -> its texture at this step, drawn once however often it is asked for; None: of all."""
+        """Camera -> its texture at this step, rendered at most once; None: all cameras."""
         if self._drawn_at != self.steps:
             self._env.scene.sub_scenes[0].update_render()
             self._drawn_at, self._drawn = self.steps, set[str]()
@@ -115,7 +115,7 @@ class LoadedScene:
         return {name: self._cameras[name].get_picture(texture) for name in wanted}
 
     def release(self) -> None:
-        """Let go of SAPIEN's bodies and cameras, so that the environment can be closed."""
+        """Drop references to SAPIEN's bodies and cameras, so that the environment can be closed."""
         for kept in (self.robots, self._rows, self.bodies, self.clutter, self._cameras):
             kept.clear()
 
@@ -129,10 +129,10 @@ def _hardest(before: Mapping[Pair, float], now: Mapping[Pair, float]) -> dict[Pa
 
 
 class Simulator:
-    """A task in simulation; implements `rf_exp.types.World`. A context manager.
+    """Simulator of one task; implements `rf_exp.types.World`. A context manager.
 
-    Physics at 100 Hz, control at 20 Hz. Arms go to absolute joint targets and keep the last one
-    they were given. Raises StageError when pictures are asked for and no Vulkan device draws.
+    Physics at 100 Hz, control at 20 Hz. Arms track absolute joint targets and hold the last one.
+    Raises StageError when `render` is set and there is no Vulkan device to render with.
     """
 
     def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render: bool = True) -> None:
@@ -148,23 +148,26 @@ class Simulator:
 
     @property
     def task(self) -> Task:
-        """The task as it stands in the present scene."""
+        """The task as varied for the present scene."""
         return self._env.task
 
     def reset(self, seed: int, copy: int = 0) -> Scene:
-        """Begin the episode of a seed: a pure function of task, seed and copy, which pictures alone show."""
+        """Begin an episode, a pure function of task, seed and `copy`; `copy` changes the pictures only."""
         self._loaded = self._load(seed, copy)
         return self._loaded.scene({})
 
     def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray[np.floating]]) -> None:
-        """Put arms and things where they were measured at the next control step; nothing is simulated.
+        """Set arms and objects to the state measured at the next control step; nothing is simulated.
 
-        `qpos` (N, D) rad and metres; `poses` thing -> (7,) position in m and quaternion w, x, y, z.
+        `qpos` (N, D) rad and metres; `poses` object -> (7,) position in m and quaternion w, x, y, z.
         """
         self._loaded.place(qpos, poses)
 
     def fling(self, name: str, velocity_m_s: Sequence[float]) -> None:
-        """Give a loose object a velocity (3,) in the world, as if somebody had thrown it."""
+        """Give a movable object a velocity (3,) in the world frame, as if it had been thrown.
+
+        Raises ArgumentError for an object that is fixed to the table.
+        """
         body = self._loaded.bodies[name].find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
         if not isinstance(body, sapien.physx.PhysxRigidDynamicComponent):
             raise ArgumentError(f"{name!r} is fixed to the table and cannot be flung")
@@ -191,7 +194,7 @@ class Simulator:
 
     @property
     def command(self) -> NDArray[np.float64]:
-        """(N, A) what the arms were last told; at the start their own joint positions, grippers open."""
+        """(N, A) the last command; at the start the joint positions of the arms, grippers open."""
         return self._loaded.command.copy()
 
     @property
@@ -200,9 +203,9 @@ class Simulator:
         return tuple(self.task.cameras) if self._render else ()
 
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
-        """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all.
+        """Camera -> (H, W, 3) RGB of the present step: of `cameras`, or of all.
 
-        What nobody asks for is not drawn. Raises ArgumentError for a camera that there is not.
+        Only these are rendered. Raises ArgumentError for a camera that does not exist.
         """
         number, step = list(self.task.cameras), self._loaded.steps
         return {
@@ -211,17 +214,17 @@ class Simulator:
         }
 
     def segmentation(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.int32]]:
-        """Camera -> (H, W) number of the body seen at each pixel, see `bodies`; 0 is nothing."""
+        """Camera -> (H, W) id of the body visible at each pixel, see `bodies`; 0 for none."""
         images = self._drawn(GEOMETRY, cameras)
         return {name: image[..., 3].astype(np.int32) for name, image in images.items()}
 
     def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]:
-        """Camera -> (H, W) metres along the viewing direction, to the millimetre; 0 is nothing."""
+        """Camera -> (H, W) metres along the viewing direction, to the millimetre; 0 for no surface."""
         images = self._drawn(GEOMETRY, cameras)
         return {name: np.float32(-0.001) * image[..., 2] for name, image in images.items()}
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
-        """Numbers that `segmentation` uses: objects, clutter, `table`, `agent<k>` with all of its links."""
+        """Name -> ids in `segmentation`: objects, clutter, `table`, and `agent<k>` with all of its links."""
         numbers: dict[str, tuple[int, ...]] = {
             name: (actor._objs[0].per_scene_id,)
             for name, actor in self._env.scene.actors.items()
@@ -232,13 +235,13 @@ class Simulator:
         return numbers
 
     def gripper(self, agent: int) -> tuple[int, ...]:
-        """Numbers that `segmentation` uses of the links with which an agent grasps."""
+        """Ids in `segmentation` of the gripper links of an agent."""
         names = self.task.robots[agent - 1].model.gripper
         links = self._loaded.robots[agent - 1].links
         return tuple(link.entity.per_scene_id for link in links if link.name.endswith(tuple(names)))
 
     def camera_models(self) -> dict[str, CameraModel]:
-        """Camera -> its model at the present step; one that is eye in hand moves with it."""
+        """Camera -> its model at the present step; eye-in-hand cameras move with their arm."""
         models = {}
         for name in self.cameras:
             spec = self.task.cameras[name]
@@ -271,9 +274,9 @@ _require_rendering_once = cache(require_rendering)
 
 @cache
 def _renderer() -> tuple[str, sapien.render.RenderSystem]:
-    """ManiSkill's name of the render backend, and a render system that is never used.
+    """ManiSkill's name of the render backend, and a render system that is only kept alive.
 
-    As long as one render system lives SAPIEN keeps its compiled shaders, which take seconds to make.
+    SAPIEN keeps its compiled shaders, which take seconds, as long as one render system exists.
     """
     with suppress(RuntimeError):  # where there is no such device
         device = sapien.Device("cuda")

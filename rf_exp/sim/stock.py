@@ -1,6 +1,6 @@
-"""A ManiSkill environment that somebody else has made, read and driven as a world of arms and bodies.
+"""Adapter for third-party ManiSkill environments: reads and drives one as a world of arms and bodies.
 
-Bodies have the collision shapes of PhysX as convex meshes.
+Bodies have PhysX's collision shapes as convex meshes.
 """
 
 import re
@@ -27,9 +27,9 @@ from rf_exp.transforms import Matrix, apply, inverse, transform
 from rf_exp.types import CONTROL_HZ, FINGERS, Scene
 
 CONTROL_MODE = "pd_joint_pos"
-SAME_M = 1e-3  # between a link and where the robot's model has it
-TABLE_M = 1e-3  # what is nowhere higher is part of the table
-ROUND_SECTIONS = 24  # of a cylinder; what is round is held by its polyhedron
+SAME_M = 1e-3  # tolerance between the pose of a link and the robot's model
+TABLE_M = 1e-3  # bodies that are nowhere higher are part of the table
+ROUND_SECTIONS = 24  # of a cylinder; round shapes are enclosed by polyhedra
 ALONG_X = transform(rotation=Rotation.from_euler("y", np.pi / 2))  # from trimesh's axis, z, to PhysX's
 
 
@@ -37,7 +37,7 @@ ALONG_X = transform(rotation=Rotation.from_euler("y", np.pi / 2))  # from trimes
 class Body:
     """A rigid body of the scene."""
 
-    solids: tuple[trimesh.Trimesh, ...]  # convex, in the frame of the body; none: nothing can touch it
+    solids: tuple[trimesh.Trimesh, ...]  # convex, in the frame of the body; empty: no collision shapes
     movable: bool
     mass_kg: float
 
@@ -49,30 +49,30 @@ class Arm:
     name: str  # ManiSkill's
     robot: Robot
     world_from_base: Matrix
-    rest_rad: tuple[float, ...]  # (dof,) as it stood when it was read
-    mounted: tuple[trimesh.Trimesh, ...]  # convex, on the hand, in the frame of its link
+    rest_rad: tuple[float, ...]  # (dof,) joints when the environment was read
+    mounted: tuple[trimesh.Trimesh, ...]  # convex, of links fixed to the hand, in its frame
 
 
 @dataclass(frozen=True)
 class Stepped:
-    """What an environment said of a control step."""
+    """Result of a control step of the environment."""
 
     scene: Scene
     terminated: bool
     truncated: bool
-    info: Mapping[str, Any]  # as it came
+    info: Mapping[str, Any]  # unchanged
 
 
 class Stock:
-    """The environment, as it stands when it is read.
+    """Third-party ManiSkill environment, in the state in which it is read.
 
-    Names are ManiSkill's, with `_` for what is no letter, digit or `_`. What lies below z = 0 is the table,
-    and is no body. Poses of bodies are those of their own frames. Raises ArgumentError for an environment
-    that cannot be read, with what it would have to be.
+    Names are ManiSkill's, with `_` for every character that is no letter, digit or `_`. Bodies nowhere higher
+    than `TABLE_M` form the table and are left out of `bodies`. Poses of bodies are those of their own frames.
+    Raises ArgumentError for an environment that cannot be read, with what is expected instead.
     """
 
     def __init__(self, env: Any, ignore: Collection[str] = ()) -> None:
-        """`ignore` names bodies that are not read."""
+        """`ignore`: names of bodies to leave out. Raises ArgumentError for an unknown name."""
         self._env, self._base = env, _checked(getattr(env, "unwrapped", env))
         agent: Any = self._base.agent
         self._single = not isinstance(agent, MultiAgent)
@@ -109,9 +109,9 @@ class Stock:
         return {name: matrix_of(body.entity_pose) for name, body in self._bodies.items()}
 
     def scene(self) -> Scene:
-        """What is measured now. Raises ArgumentError where the environment has been reset since it was read.
+        """The scene measured now, with the contacts of the last physics step.
 
-        Contacts are those of the last physics step.
+        Raises ArgumentError where the environment has been reset since it was read.
         """
         now = self._now()
         if self._episode() != self._seed or now < self._read_at:
@@ -122,7 +122,7 @@ class Stock:
             self._speeds = {name: float(metres) / passed_s for name, metres in moved_m.items()}
             self._poses, self._measured_at = poses, now
         physics: Any = self._base.scene.px
-        # A reset without a step leaves the contacts of the episode before.
+        # After a reset, PhysX lists the contacts of the last episode until the first step.
         contacts = physics.get_contacts() if now else []
         held, pushes = self._contacts.of_fingers(contacts, physics.timestep)
         pressed = self._contacts.between_arms(contacts, physics.timestep)
@@ -138,7 +138,7 @@ class Stock:
         )
 
     def step(self, command: NDArray[np.float64]) -> Stepped:
-        """One control step: (N, A) joint targets in rad, grippers from -1 closed to 1 open."""
+        """Run one control step with (N, A) joint targets in rad and grippers from -1 closed to 1 open."""
         grippers = zip(self._grippers.items(), command, strict=True)
         actions = {name: gripper(row) for (name, gripper), row in grippers}
         action: Any = next(iter(actions.values())) if self._single else actions
@@ -146,7 +146,10 @@ class Stock:
         return Stepped(self.scene(), bool(terminated), bool(truncated), info)
 
     def _is_table(self, name: str, body: Body) -> bool:
-        """Whether it is part of what the arms stand on. A plane counts with its height alone."""
+        """Whether a body is nowhere higher than `TABLE_M`. Of a plane only its height counts.
+
+        Raises ArgumentError for a higher plane.
+        """
         pose = matrix_of(self._bodies[name].entity_pose)
         planes = [
             float((pose @ matrix_of(shape.local_pose))[2, 3])
@@ -185,7 +188,7 @@ def _checked(base: Any) -> BaseEnv:
 
 
 def _model(name: str, arm: Any) -> Robot:
-    """The robot that it is, by its joints. Raises ArgumentError for one that nobody knows."""
+    """The known robot with the joints of an arm. Raises ArgumentError where there is none."""
     joints = [joint.name for joint in arm.robot.active_joints]
     for robot in known_robots():
         if sorted(joints) == sorted(robot.active):
@@ -195,9 +198,9 @@ def _model(name: str, arm: Any) -> Robot:
 
 
 def _gripper(name: str, arm: Any, robot: Robot) -> Callable[[NDArray[np.float64]], NDArray[np.float32]]:
-    """What makes the action of an arm of a row of a command.
+    """Returns a function from an arm's row of a command to its action in the environment.
 
-    Raises ArgumentError for an arm that does not take absolute joint targets and a gripper's width.
+    Raises ArgumentError for an arm that does not take absolute joint targets and a gripper width.
     """
     controllers = getattr(arm.controller, "controllers", {})
     joint, gripper = controllers.get("arm"), controllers.get("gripper")
@@ -233,7 +236,7 @@ def _gripper(name: str, arm: Any, robot: Robot) -> Callable[[NDArray[np.float64]
 
 
 def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
-    """Raises ArgumentError where its links are not where the robot's model has them."""
+    """Reads an arm. Raises ArgumentError where its links do not match the robot's model."""
     links = {link: body._objs[0] for link, body in arm.robot.links_map.items()}
     if missing := [link for link in model.links if link not in links]:
         raise ArgumentError(f"{name} is no {model.title}: it has no link {', '.join(missing)}")
@@ -266,7 +269,7 @@ def _on_hand(link: Any, hand: Any) -> bool:
 
 
 def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.PhysxRigidBaseComponent]:
-    """The rigid bodies by name: actors, and the links of articulations that are none of the arms."""
+    """The rigid bodies by name: actors, and the links of articulations other than the arms."""
     kind, actors = physx.PhysxRigidBaseComponent, base.scene.actors.items()
     found: dict[str, Any] = {name: actor._objs[0].find_component_by_type(kind) for name, actor in actors}
     robots = [arm.robot for arm in arms.values()]
@@ -277,10 +280,11 @@ def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.Physx
 
 
 def solids(body: physx.PhysxRigidBaseComponent, what: str) -> tuple[trimesh.Trimesh, ...]:
-    """Convex meshes in the frame of the body, metres, which together hold its collision shapes.
+    """Convex meshes, in the body's frame and metres, that together enclose its collision shapes.
 
-    Triangle meshes are decomposed, in seconds. Planes have no extent and are left out. Raises ArgumentError
-    for a mesh that is not closed, and for a kind of shape that is not known; `what` names the body in it.
+    Triangle meshes are decomposed, which takes seconds. Planes have no extent and are left out. Raises
+    ArgumentError, with `what` as the body's name, for a mesh that is not closed and for an unknown type of
+    shape.
     """
     found = []
     for shape in body.collision_shapes:
@@ -292,7 +296,7 @@ def solids(body: physx.PhysxRigidBaseComponent, what: str) -> tuple[trimesh.Trim
 
 
 def _meshes(shape: physx.PhysxCollisionShape, what: str) -> Iterator[trimesh.Trimesh]:
-    """In the frame of the shape."""
+    """Convex meshes in the frame of the shape."""
     if isinstance(shape, physx.PhysxCollisionShapeBox):
         yield trimesh.creation.box(2 * np.asarray(shape.half_size, float))
     elif isinstance(shape, physx.PhysxCollisionShapeSphere):
@@ -313,7 +317,7 @@ def _meshes(shape: physx.PhysxCollisionShape, what: str) -> Iterator[trimesh.Tri
 
 
 def _ball(radius_m: float) -> trimesh.Trimesh:
-    """A polyhedron that holds a sphere."""
+    """A polyhedron around a sphere."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     inner = float(np.einsum("fi,fi->f", ball.triangles_center, ball.face_normals).min())
     return ball.apply_scale(radius_m / inner)

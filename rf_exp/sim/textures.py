@@ -1,7 +1,7 @@
-"""Procedural textures: pictures that repeat without a seam, a pure function of kind, set and random numbers.
+"""Procedural textures: seamlessly repeating images, a pure function of kind, set and random numbers.
 
-Two sets are kept apart twice. Their palettes of a kind differ, by more than the brightness that each texture
-draws for itself, and no pattern repeats as often along a side in one set as in the other.
+The two sets differ in two ways. For each kind, their palettes differ by more than the random brightness of
+a texture, and no pattern repeats as often along a side in one set as in the other.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rf_exp.types import Texture, TextureKind, TextureSet
 
 SIZE_PX = 256
-# Ground and figure, sRGB: planks and their grain, tiles and grout, cloth and its checks, clouds, stripes.
+# Ground and figure colours, sRGB: planks and grain, tiles and grout, cloth and checks, clouds, stripes.
 PALETTES: dict[TextureSet, dict[TextureKind, tuple[str, ...]]] = {
     "seen": {
         "wood": ("8a5f3c 5e3d24", "b98d5d 8d6238", "6e4a38 4a2f24", "a08468 7b6049", "c9a67a a67f52"),
@@ -31,15 +31,15 @@ PALETTES: dict[TextureSet, dict[TextureKind, tuple[str, ...]]] = {
     },
 }
 REPEATS: dict[TextureSet, tuple[int, ...]] = {"seen": (4, 6, 8), "unseen": (3, 5, 7)}
-BRIGHTNESS = 0.06  # half range of a texture's own, relative
-THREADS = 64  # of cloth, along a side
+BRIGHTNESS = 0.06  # half range of the random relative brightness of a texture
+THREADS = 64  # per side, of cloth
 
-Field = NDArray[np.float64]  # (S, S), down and across
+Field = NDArray[np.float64]  # (S, S), rows and columns
 
 
 @lru_cache(maxsize=64)
 def pixels(texture: Texture) -> NDArray[np.uint8]:
-    """(S, S, 3) sRGB of a described texture; read-only."""
+    """The pixels (S, S, 3), sRGB, of a texture; read-only."""
     drawn = draw(texture.kind, texture.set, np.random.default_rng(texture.seed))
     drawn.flags.writeable = False
     return drawn
@@ -48,7 +48,7 @@ def pixels(texture: Texture) -> NDArray[np.uint8]:
 def draw(
     kind: TextureKind, of: TextureSet, rng: np.random.Generator, size_px: int = SIZE_PX
 ) -> NDArray[np.uint8]:
-    """(S, S, 3) sRGB that repeats down and across, of a palette and pattern of the set."""
+    """A random texture (S, S, 3), sRGB, from a palette and pattern of the set; repeats in both directions."""
     ground, figure = (bytes.fromhex(each) for each in rng.choice(PALETTES[of][kind]).split())
     brightness = 1 + rng.uniform(-BRIGHTNESS, BRIGHTNESS)
     share, shade = PATTERNS[kind](rng, int(rng.choice(REPEATS[of])), size_px)
@@ -57,11 +57,11 @@ def draw(
     return np.stack([np.clip(np.rint(each), 0, 255).astype(np.uint8) for each in drawn], axis=-1)
 
 
-# Each pattern: how much of the figure is seen at a pixel, in [0, 1], and how bright it is, about 1.
+# Each pattern returns the share of the figure colour in [0, 1] and the brightness, about 1, of each pixel.
 
 
 def _wood(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
-    """Planks across, of different shades, each with a joint somewhere."""
+    """Horizontal planks of different shades, each with a joint at a random place."""
     down, across = _coordinates(size_px)
     plank = (down * repeats).astype(int)
     shifted = (across + rng.uniform(size=repeats)[plank]) % 1.0
@@ -74,7 +74,7 @@ def _wood(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, 
 
 
 def _tile(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
-    """Squares of slightly different shades, with grout between them."""
+    """Square tiles of slightly different shades, with grout between them."""
     down, across = _coordinates(size_px)
     row, column = (down * repeats).astype(int), (across * repeats).astype(int)
     wide = rng.uniform(0.04, 0.09)
@@ -84,7 +84,7 @@ def _tile(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, 
 
 
 def _cloth(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
-    """Gingham: bands of warp and of weft, full where they cross, in a plain weave."""
+    """Gingham: bands of warp and of weft, in full colour where they cross, in a plain weave."""
     down, across = _coordinates(size_px)
     wide = rng.uniform(0.3, 0.6)
     bands = _band(down * repeats, wide) + _band(across * repeats, wide)
@@ -93,13 +93,13 @@ def _cloth(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field,
 
 
 def _stone(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
-    """Clouds of two colours with fine grain, the larger the fewer."""
+    """Clouds of two colours with fine grain; fewer repeats give larger clouds."""
     clouds = _noise(rng, size_px, 1.8, lowest=repeats / 2)
     return 0.5 + 0.35 * clouds, 1 + 0.03 * _noise(rng, size_px, 0.5)
 
 
 def _stripes(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
-    """Stripes down, across or along a diagonal."""
+    """Stripes, horizontal, vertical or diagonal."""
     down, across = _coordinates(size_px)
     turned = rng.choice([(1, 0), (0, 1), (1, 1), (1, -1)])
     along = repeats * (turned[0] * down + turned[1] * across)
@@ -116,20 +116,20 @@ PATTERNS: dict[TextureKind, Callable[[np.random.Generator, int, int], tuple[Fiel
 
 
 def _coordinates(size_px: int) -> tuple[Field, Field]:
-    """Down and across, in [0, 1) at the middles of pixels."""
+    """Row and column coordinates of the pixel centres, in [0, 1)."""
     middles = (np.arange(size_px) + 0.5) / size_px
     down, across = np.meshgrid(middles, middles, indexing="ij")
     return down, across
 
 
 def _line(along: Field, wide: float) -> Field:
-    """1 on lines at whole numbers, 0 beside them, with edges a quarter of a line soft."""
+    """1 on lines at whole numbers, 0 beside them; soft edges, a quarter of a line wide."""
     off = np.abs(along - np.rint(along))
     return np.clip((wide / 2 - off) / (wide / 4) + 0.5, 0, 1)
 
 
 def _band(along: Field, wide: float) -> Field:
-    """1 in bands about whole numbers, `wide` of the distance between them."""
+    """1 in bands about whole numbers, 0 beside them; `wide` is their width per distance."""
     return np.clip((wide / 2 - np.abs(along - np.rint(along))) * 20 + 0.5, 0, 1)
 
 
@@ -138,7 +138,7 @@ def _noise(
 ) -> Field:
     """Periodic noise of mean 0 and deviation 1; amplitudes fall with frequency to the power of `roll_off`.
 
-    It varies `across_per_down` times as fast across as down; frequencies below `lowest` are no stronger.
+    It varies `across_per_down` times as fast along columns as along rows; below `lowest` they are constant.
     """
     spectrum = rng.standard_normal((size_px, size_px // 2 + 1, 2)).view(complex)[..., 0]
     down = np.fft.fftfreq(size_px, 1 / size_px)[:, None]

@@ -1,9 +1,9 @@
-"""Which Vulkan driver draws the pictures, and whether it really draws one.
+"""Vulkan: choice of the driver, and a probe whether it renders a picture.
 
-SAPIEN takes whatever the Vulkan loader offers. Without a GPU that is a list of drivers for hardware
-that is not there, so the software driver (Mesa's lavapipe) is named before SAPIEN is imported; with
-a GPU the loader is left alone. This file also runs by itself, before rf_exp is installed:
-`python rf_exp/sim/vulkan.py` says in a line whether a picture was drawn, and exits 0 if that worked.
+SAPIEN takes whatever the Vulkan loader offers. Without a GPU that is a list of drivers for absent
+hardware, so the software driver (Mesa's lavapipe) is selected before SAPIEN is imported; with a GPU
+the loader is left alone. This file also runs by itself, before rf_exp is installed:
+`python rf_exp/sim/vulkan.py` prints in a line whether a picture was rendered, and exits 0 if it was.
 """
 
 import os
@@ -17,29 +17,29 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-VARIABLES = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")  # the loader obeys the first before the second
+VARIABLES = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")  # the first takes precedence in the loader
 MANIFESTS = ("etc/vulkan/icd.d", "usr/local/share/vulkan/icd.d", "usr/share/vulkan/icd.d")
 NVIDIA_DRIVERS = (
     "usr/lib*/libGLX_nvidia.so.*",
     "usr/lib*/*/libGLX_nvidia.so.*",
     "usr/local/nvidia/lib*/*GLX*",
 )
-SET_UP = Path(__file__).parents[2] / "scripts" / "setup.sh"  # of a checkout
+SET_UP = Path(__file__).parents[2] / "scripts" / "setup.sh"  # in a checkout only
 COSTS = "no pictures; render=false still makes states and actions"
 
 
 @dataclass(frozen=True)
 class Driver:
-    """The Vulkan driver that will be used, and why."""
+    """The Vulkan driver to use, and the reason."""
 
     words: str
-    manifest: Path | None = None  # of the software driver, where it has to be named
-    variable: str | None = None  # set by the user, who then decides alone
+    manifest: Path | None = None  # of the software driver, where the loader needs it
+    variable: str | None = None  # environment variable by which the user has chosen the driver
 
 
 @dataclass(frozen=True)
 class Probe:
-    """What happened when one picture was asked for. `reason` is empty when there is one."""
+    """Result of rendering one picture. `reason` is empty for success."""
 
     driver: Driver
     device: str
@@ -57,7 +57,7 @@ class Probe:
 
     @property
     def mend(self) -> str:
-        """What to do about it: a command."""
+        """A command that may solve the problem."""
         if self.driver.variable:
             return f"unset {self.driver.variable}, then python -m rf_exp.doctor"
         software = software_manifest()
@@ -79,18 +79,18 @@ def software_manifest(root: Path = Path("/")) -> Path | None:
 
 
 def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Driver:
-    """Decide which driver to use. Reads `environment` and the files under `root`, changes nothing.
+    """Decide which driver to use, from `environment` and the files under `root`; changes nothing.
 
-    A variable set by the user wins; then a GPU that has a Vulkan driver; then the software driver.
+    A variable set by the user wins, then a GPU that has a Vulkan driver, then the software driver.
     """
     manifest = software_manifest(root)
     software = Driver(f"software, {manifest}", manifest=manifest)
     for variable in VARIABLES:
         if value := environment.get(variable):
-            if value == str(manifest):  # also after `select_driver`
+            if value == str(manifest):  # as after `select_driver`
                 return software
             return Driver(f"{variable}={value}, set by you", variable=variable)
-    # An NVIDIA GPU in a container often comes without the part of its driver that draws.
+    # An NVIDIA GPU in a container often lacks the rendering part of its driver.
     nvidia = (root / "dev/nvidiactl").exists() and any(any(root.glob(each)) for each in NVIDIA_DRIVERS)
     render_nodes = [node for node in root.glob("dev/dri/renderD*") if os.access(node, os.R_OK | os.W_OK)]
     if nvidia:
@@ -103,7 +103,7 @@ def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Drive
 
 
 def select_driver() -> str:
-    """Name the Vulkan driver to the loader, before SAPIEN is imported; returns the choice in words."""
+    """Set the Vulkan driver for the loader, before SAPIEN is imported; returns the choice in words."""
     driver = find_driver(os.environ)
     if driver.manifest:
         os.environ["VK_DRIVER_FILES"] = str(driver.manifest)
@@ -111,17 +111,17 @@ def select_driver() -> str:
 
 
 def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
-    """Ask SAPIEN for a device and, with `picture`, draw 32 x 32 pixels on it.
+    """Request a device from SAPIEN and, with `picture`, render 32 x 32 pixels on it.
 
-    Runs in a process of its own, because a bad driver can end the process; one that did is asked
-    again, for SAPIEN has been seen to crash, rarely, where it finds no device. About half a second
-    for the device; the first picture of the software driver takes 1 to 4 s.
+    Runs in a process of its own, because a bad driver can crash it; a crash is retried once, because
+    SAPIEN rarely crashes where it finds no device. About half a second for the device; the first
+    picture of the software driver takes 1 to 4 s.
     """
     # -P: this folder must not shadow the standard library in the child.
     command = [sys.executable, "-P", __file__, "draw" if picture else "device"]
     driver = find_driver(os.environ)
     if driver.variable and not any(map(os.path.exists, os.environ[driver.variable].split(os.pathsep))):
-        # SAPIEN would fail on it, or crash, without a word of the reason.
+        # SAPIEN would fail or crash on it without giving the reason.
         return Probe(driver, "", 0.0, "there is no such file")
     begin = time.perf_counter()
     ask = partial(subprocess.run, command, capture_output=True, text=True, timeout=timeout_s)
@@ -144,8 +144,8 @@ def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
 
 
 def require_rendering() -> None:
-    """Stop before any work is lost: StageError where SAPIEN finds no device to draw with."""
-    from rf_exp.errors import StageError  # not above: the rest runs before rf_exp is installed
+    """Fail before any work is lost: raises StageError where SAPIEN finds no device to render with."""
+    from rf_exp.errors import StageError  # not above: this file also runs before rf_exp is installed
 
     probe = render_probe(picture=False)
     if not probe.ok:
@@ -156,7 +156,7 @@ def require_rendering() -> None:
 
 
 def _draw(picture: bool) -> str:
-    """Draw a lit box on an empty background; returns the name of the device."""
+    """Render a lit box on an empty background if `picture`; returns the name of the device."""
     import sapien
 
     scene = sapien.Scene()
@@ -170,14 +170,14 @@ def _draw(picture: bool) -> str:
         camera.set_local_pose(sapien.Pose([-2.0, 0.0, 0.0]))
         scene.update_render()
         camera.take_picture()
-        pixels = camera.get_picture("Color")  # (32, 32, 4), alpha 0 where nothing is
+        pixels = camera.get_picture("Color")  # (32, 32, 4), alpha 0 for background
         if not pixels[16, 16, :3].mean() > 0.1 or pixels[0, 0, 3] != 0.0:
             raise RuntimeError(f"the picture of {device} does not show the box in front of the camera")
     return device
 
 
 def _answer(picture: bool) -> int:
-    """In the child process: tries, prints what came of it for the probe, returns the exit code."""
+    """Runs in the child process: tries to render, prints the result for the probe, returns the exit code."""
     select_driver()
     try:
         answer = f"drew {_draw(picture)}"
@@ -189,7 +189,7 @@ def _answer(picture: bool) -> int:
 
 if __name__ == "__main__":
     if sys.argv[1:]:
-        os._exit(_answer(sys.argv[1] == "draw"))  # without a device SAPIEN may crash on the way out
+        os._exit(_answer(sys.argv[1] == "draw"))  # without a device SAPIEN may crash at exit
     found = render_probe()
     print(found)
     sys.exit(0 if found.ok else 1)

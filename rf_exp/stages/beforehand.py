@@ -1,6 +1,6 @@
-"""What is checked and told before any work begins: folders, cameras, and how long what is missing will take.
+"""Checks before any work begins: folders, cameras, and an estimate of the time that missing work will take.
 
-The time follows from measured costs of each part.
+The estimate follows from measured costs of each part.
 """
 
 from pathlib import Path
@@ -51,7 +51,7 @@ def check_folders(experiment: Experiment) -> None:
 
 
 def check_cameras(experiment: Experiment) -> None:
-    """Raises ArgumentError where policies would look through a camera that makes no pictures."""
+    """Raises ArgumentError where policies need a camera that makes no pictures."""
     if not {"generate", "train"} <= set(experiment.stages) or not experiment.policy.encoder.pictures:
         return
     for cell in cells(experiment):
@@ -59,7 +59,7 @@ def check_cameras(experiment: Experiment) -> None:
         for learned in map(cell.with_arch, experiment.archs):
             streams = (stream for view in learned.views for stream in view.streams)
             missing = {camera for stream in streams for camera in stream.cameras} - {*there}
-            if missing and not cell.data_path.exists():  # demonstrations that are there may have more
+            if missing and not cell.data_path.exists():  # existing demonstrations may have more
                 raise ArgumentError(
                     f"arch={learned.arch.name} looks through {', '.join(sorted(missing))}, and cameras="
                     f"{experiment.pictures.cameras} makes no pictures of it; use cameras=all"
@@ -67,15 +67,15 @@ def check_cameras(experiment: Experiment) -> None:
 
 
 def say_how_long(experiment: Experiment) -> None:
-    """Prints what is foretold, if anything is."""
+    """Prints the estimate, if there is one."""
     if said := foretold(experiment):
         console.print(said)
 
 
 def foretold(experiment: Experiment) -> str:
-    """The hours of each stage in a sentence; empty where nobody has measured, or where little is left.
+    """The estimated time of each stage in a sentence; empty without measured costs, or below two minutes.
 
-    Tasks of which nobody has measured it are not counted, and named.
+    Tasks without measured costs are named, but not counted.
     """
     known: dict[str, Any] = yaml.safe_load(COSTS.read_text()).get(experiment.recipe, {})
     measured = known.get("tasks", {})

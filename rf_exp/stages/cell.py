@@ -1,8 +1,8 @@
 """A cell of the experiment: one task, one set of constraints and, from training on, one architecture.
 
-It knows where its artifacts lie below `out`, a layout that other people's scripts rely on, and what decides
-their bytes beside their seeds: configuration and assets by their content, code by its versions. Who makes one
-holds the right to it, and one that is there was made alike.
+It defines the paths of its artifacts below `out`, a layout that external scripts rely on, and their
+identities: all that decides their bytes beside the seeds, configuration and assets by content, code by
+version. An artifact is made under a lock, and an existing one must have been made alike.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ R = TypeVar("R", GenerationRow, EvaluationRow)
 
 @dataclass(frozen=True)
 class Cell:
-    """One task under one set of constraints, as an experiment makes it; with an architecture for policies."""
+    """One task under one set of constraints in an experiment; with an architecture for policies."""
 
     experiment: Experiment
     task: Task
@@ -40,23 +40,23 @@ class Cell:
         return replace(self, chosen_arch=arch)
 
     def after(self, rounds: int) -> "Cell":
-        """The same cell, of which so many rounds of correction are over."""
+        """The same cell after `rounds` rounds of correction."""
         return replace(self, experiment=self.experiment.after(rounds))
 
     @property
     def arch(self) -> Arch:
-        """The architecture of its policies. Only cells of policies are asked for it."""
+        """The architecture of its policies. Only cells of policies have one."""
         assert self.chosen_arch is not None, f"{self.place} is a cell of demonstrations"
         return self.chosen_arch
 
     @property
     def evaluated_task(self) -> Task:
-        """The task in whose scenes its policies act."""
+        """The task with the variation of the evaluation scenes."""
         return replace(self.task, variation=self.experiment.evaluated)
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What its policies learn from and command, a view for each policy."""
+        """The views of its policies, one each: what the policy observes and commands."""
         return views(self.arch, len(self.task.agents))
 
     @property
@@ -66,7 +66,7 @@ class Cell:
         return "/".join(each.name for each in named if each is not None)
 
     def title(self, stage: str) -> str:
-        """What a stage calls it on the terminal, e.g. `train lift_barrier/full/separate_local`."""
+        """Its title in a stage on the terminal, e.g. `train lift_barrier/full/separate_local`."""
         rounds = self.experiment.dagger.rounds if self.chosen_arch else 0
         return f"{stage} {self.place}" + (f", correction {rounds}" if rounds else "")
 
@@ -78,7 +78,7 @@ class Cell:
 
     @property
     def _by(self) -> str:
-        """In names of what other brains than the scripted one have proposed."""
+        """The suffix in file names for brains other than the scripted one."""
         label = self.experiment.brain.label
         return "" if label == ScriptedSpec.name else f"-by-{label}"
 
@@ -94,18 +94,18 @@ class Cell:
         return self.experiment.out / "results" / "generate" / self.task.name / f"{name}.jsonl"
 
     def shards_path(self, digest: str) -> Path:
-        """The folder of the shards of what has this digest, each of which is an `out` of its own."""
+        """The folder of the shards with this digest, each of which is an `out` of its own."""
         return self.experiment.out / "shards" / f"{self.task.name}-{self.constraint_set.name}-{digest}"
 
     @property
     def redrawn_path(self) -> Path:
-        """The store of demonstrations of which each is drawn several times."""
+        """The store of redrawn demonstrations, several copies of each."""
         source = self.corrected_path if self.experiment.dagger.rounds else self.data_path
         return source.with_stem(f"{source.stem}-{self.experiment.demos}x{self.experiment.appearances}")
 
     @property
     def corrected_path(self) -> Path:
-        """The store of demonstrations, and of those that correct the policies of the round before."""
+        """The store of demonstrations, with corrections of the policies of the round before."""
         return self.data_path.with_name(f"corrected-{self.arch.name}-{self.experiment.policies}.zarr")
 
     @property
@@ -116,7 +116,7 @@ class Cell:
 
     @property
     def policy_path(self) -> Path:
-        """The folder of its policies, in which each view has one."""
+        """The folder of its policies, with a subfolder for each view."""
         parts = self.task.name, self.constraint_set.name, self.arch.name, self.experiment.policies
         return self.experiment.out.joinpath("policies", *parts)
 
@@ -134,12 +134,12 @@ class Cell:
 
     @property
     def settings(self) -> Settings:
-        """How its episodes are made."""
+        """The settings of its episodes."""
         return self.experiment.settings(self.task, self.constraint_set)
 
     @property
     def generation_identity(self) -> dict[str, Any]:
-        """What decides the rows of generation."""
+        """The identity of the rows of generation."""
         settings = self.settings
         said = {
             **artifacts.without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
@@ -156,7 +156,7 @@ class Cell:
         return artifacts.plain(said)
 
     def store_identity(self, pictures: Pictures) -> dict[str, Any]:
-        """What decides demonstrations that hold those pictures."""
+        """The identity of demonstrations with these pictures."""
         size = (pictures.height, pictures.width) if pictures.render else (0, 0)
         return {
             **self.generation_identity,
@@ -167,7 +167,7 @@ class Cell:
         }
 
     def correction_identity(self, step_limit: int, policies: dict[str, Any]) -> dict[str, Any]:
-        """What decides a round of correction of `policies`, which says what they were made of."""
+        """The identity of a round of correction; `policies` is the provenance of the corrected policies."""
         experiment = self.experiment
         said = {
             **self.generation_identity,
@@ -180,10 +180,10 @@ class Cell:
         return artifacts.plain(said)
 
     def evaluation_identity(self, step_limit: int) -> dict[str, Any]:
-        """What decides evaluation, but for the policies, of which each training seed has its own."""
+        """The identity of evaluation, without the policies, which differ by training seed."""
         experiment = self.experiment
         said: dict[str, Any] = {"shield": SHIELD_VERSION} if experiment.shield else {}
-        if self.arch.coordinated:  # by plans that are made as those of undisturbed generation are
+        if self.arch.coordinated:  # its plans are made as in undisturbed generation
             undisturbed = replace(self, experiment=replace(experiment, disturbance_rad=0.0))
             said |= {"coordinator": COORDINATOR_VERSION, "plans": undisturbed.generation_identity}
         said |= {
@@ -207,12 +207,12 @@ def cells(experiment: Experiment) -> Iterator[Cell]:
 
 
 def known_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
-    """The rows in a file; none where it is not there yet."""
+    """The rows in a file; none if it does not exist yet."""
     return read_rows(path, kind) if path.exists() else ()
 
 
 def alike(kind: type[R], made: object) -> dict[str, Any]:
-    """Those fields of a row that an outcome or a rollout has by the same name."""
+    """The fields of a row that `made`, an outcome or a rollout, has by the same name."""
     return {each.name: getattr(made, each.name) for each in fields(kind) if hasattr(made, each.name)}
 
 
@@ -227,11 +227,11 @@ def evaluated(cell: Cell) -> list[EvaluationRow]:
 def owned(
     artifact: Path, configuration: Mapping[str, Any] | None = None, also: Sequence[Path] = ()
 ) -> Iterator[None]:
-    """Holds the right to make an artifact; other jobs that want it wait here, and say for whom.
+    """Context that holds the lock of an artifact; other jobs wait for it, and print who holds it.
 
-    What a kill left half-written beside it is removed. With `configuration`, the artifact must be
-    made of that (`same_configuration`; `also` is made together with it). Raises StageError naming
-    what differs, ArgumentError where nothing can be written.
+    Removes half-written files of killed jobs beside it. With `configuration`, the artifact must be made
+    from that (`same_configuration`; `also` is made together with it). Raises StageError naming what
+    differs, ArgumentError where nothing can be written.
     """
     with ExitStack() as stack:
         try:
@@ -251,7 +251,7 @@ def owned(
 def same_configuration(
     artifact: Path, configuration: Mapping[str, Any], made: bool, also: Sequence[Path] = ()
 ) -> None:
-    """Records of what an artifact will be `made`, or compares. Raises StageError naming what differs."""
+    """Records an artifact's configuration, or compares if `made`. Raises StageError naming what differs."""
     record = artifacts.configuration_file(artifact)
     if not made:
         artifacts.write_json(record, configuration)
@@ -266,9 +266,9 @@ def same_configuration(
 def continued(
     path: Path, identity: Mapping[str, Any], source: Store, task: Task, description: Description | None
 ) -> Store:
-    """A store for writing, with the arrays of another: the one of `identity` that is there, or a new one.
+    """A store for writing, with the arrays of `source`: the existing one with `identity`, or a new one.
 
-    Raises StageError for one that was imported, whose scenes are somebody else's.
+    Raises StageError for an imported `source`, whose scenes cannot be made again.
     """
     if "imported" in source.identity:
         raise StageError(

@@ -1,4 +1,4 @@
-"""Evaluation: policies, of this experiment or somebody else's, act in consecutive scenes, each a row."""
+"""Evaluation: rollouts of policies, of this experiment or foreign ones, in consecutive scenes, a row each."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -27,25 +27,25 @@ from rf_exp.types import CONTROL_DT_S, Pictures, Rollout, RolloutStep
 
 @dataclass(frozen=True)
 class Policies:
-    """Policies as evaluation needs them. The value travels to worker processes, where runners are made."""
+    """Policies to evaluate. The value is sent to worker processes, which make the runners."""
 
-    make_runners: Callable[[], Sequence[policy.PolicyRunner]]  # made in the process that asks
+    make_runners: Callable[[], Sequence[policy.PolicyRunner]]  # called in the worker process
     step_limit: int  # of a scene
-    coordinator: Settings | None = None  # of the plans by which one coordinates the policies, if one does
+    coordinator: Settings | None = None  # of the coordinator's plans; None without a coordinator
 
 
 @dataclass(frozen=True)
 class Learned:
-    """How policies have learned, for their rows."""
+    """How policies were trained, for their rows."""
 
     provenance: dict[str, Any]  # as it is recorded beside the rows
-    core_s: float = 0.0  # CPU seconds of learning, together
+    core_s: float = 0.0  # CPU seconds of learning, of all policies together
     queries: int = 0  # proposals that the expert was asked for
     disturbance_rad: float = 0.0  # of the demonstrations
 
 
 def acting(cell: Cell) -> Policies:
-    """The policies of a cell, which act for as long as the task says."""
+    """The policies of a cell, with the step limit of the task, or that of a foreign policy if it has one."""
     experiment, limit = cell.experiment, cell.task.step_limit
     if (foreign := experiment.foreign) is not None:
         fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
@@ -56,7 +56,7 @@ def acting(cell: Cell) -> Policies:
 
 
 def learned(cell: Cell) -> Learned:
-    """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
+    """How a cell's policies were trained. Raises StageError if that is not as the experiment says."""
     if (foreign := cell.experiment.foreign) is not None:
         return Learned({"foreign": foreign.name})
     experiment, folders = cell.experiment, [cell.policy_path / view.name for view in cell.views]
@@ -68,7 +68,7 @@ def learned(cell: Cell) -> Learned:
         policy.expect_policy(folder, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     data = next(iter(made.values()))["data"]
-    if (brain := data["identity"].get("brain")) is not None:  # what was imported has none
+    if (brain := data["identity"].get("brain")) is not None:  # imported data have none
         remedy = "say the brain of its demonstrations, or choose another out=FOLDER"
         expect_same(
             cell.policy_path, {"brain": brain}, plain({"brain": cell.settings.brain.identity}), remedy
@@ -79,13 +79,13 @@ def learned(cell: Cell) -> Learned:
     return Learned(said, sum(map(policy.cost_s, folders)), queries, disturbed)
 
 
-@lru_cache(maxsize=1)  # once a process; a finished folder never changes
+@lru_cache(maxsize=1)  # once per process; a finished folder never changes
 def _loaded(folder: Path, config: policy.PolicyConfig) -> tuple[policy.DiffusionRunner, ...]:
     return policy.load_runners(folder, acting=config)
 
 
 def evaluate_policies(cell: Cell) -> None:
-    """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
+    """Rolls policies out in consecutive scenes that generation never saw. Continues where it stopped."""
     experiment, path = cell.experiment, cell.evaluation_path
     policies, made = acting(cell), learned(cell)
     with owned(path, cell.evaluation_identity(policies.step_limit)):
@@ -122,7 +122,7 @@ def evaluate_policies(cell: Cell) -> None:
 
 
 def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> None:
-    """Recordings and films that are missing: same seed, same rollout, once more."""
+    """Makes missing recordings and films by rolling out again: the same seed gives the same rollout."""
     experiment, scene = cell.experiment, scene_of(cell, policies)
     recorded = experiment.recorded("evaluate", experiment.evaluation_seeds)
     filmed = ablation.worth_seeing(known, experiment.films)
@@ -157,7 +157,7 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
 
 
 def scene_of(cell: Cell, policies: Policies) -> Callable[..., tuple[Rollout, float]]:
-    """`evaluate_scene` of a cell, which lacks the seed alone."""
+    """`evaluate_scene` of a cell, to be called with a seed."""
     pictures, shield = cell.experiment.pictures, cell.experiment.shield
     return partial(evaluate_scene, cell.evaluated_task, pictures, policies, shield=shield)
 
@@ -172,22 +172,22 @@ def evaluate_scene(
     film: Path | None = None,
     watch: Callable[[RolloutStep], None] | None = None,
 ) -> tuple[Rollout, float]:
-    """A rollout in this process and the seconds it took; recorded and filmed to the files that are named.
+    """Makes a rollout in this process; returns it and its duration, s. Records and films to the given files.
 
-    A film has the picture of its last moment beside it. `watch` is told of every step.
+    A picture of the last moment is written beside a film. `watch` is called with every step.
     """
     began = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
     world = sim.shared_simulator(task, pictures)
     start = world.reset(seed)
-    shown, large, standing = world, pictures.enlarged, world.task  # the task as it stands in this scene
+    shown, large, standing = world, pictures.enlarged, world.task  # the task as varied in this scene
     observers: list[recording.RolloutRecorder | recording.RolloutFilm] = []
     watchers: list[Callable[[RolloutStep], None]] = []
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
         stack.enter_context(about(f"scene {seed}"))
-        if (record or film) and pictures.render and large != pictures:  # in which people see something
+        if (record or film) and pictures.render and large != pictures:  # larger pictures, for people
             shown = stack.enter_context(sim.Simulator(task, width_px=large.width, height_px=large.height))
             shown.reset(seed)
             watchers.append(partial(recording.follow, shown))
@@ -209,7 +209,7 @@ def evaluate_scene(
 
         runners, coordinator = policies.make_runners(), None
         if policies.coordinator is not None:
-            assert isinstance(runners[0], policy.DiffusionRunner)  # trained, it knows subgoals by numbers
+            assert isinstance(runners[0], policy.DiffusionRunner)  # a trained one, with numbered subgoals
             plans = replace(policies.coordinator, task=standing)
             coordinator = Coordinator(plans, seed, start, runners[0].spec.names)
         judge, monitor = SuccessEvaluator(standing, start), PolicyMonitor(standing)

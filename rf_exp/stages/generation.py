@@ -1,4 +1,4 @@
-"""Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
+"""Generation: consecutive seeds become checked demonstrations in the store, with a row for each seed."""
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
@@ -24,14 +24,15 @@ from rf_exp.store import Description, Store, card
 from rf_exp.tasks import Task, drawn_of, labels
 from rf_exp.types import CameraModel, Extras, Pictures
 
-COMMONEST = 3  # reasons that are told where seeds fail
+COMMONEST = 3  # most frequent reasons, which are reported where seeds fail
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
 
 def generate_data(cell: Cell) -> int:
-    """How many there are of `demos` successes, or of `episodes` seeds in a row; goes on where it stopped.
+    """Generates `demos` demonstrations, or tries `episodes` consecutive seeds; continues where it stopped.
 
-    Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
+    Returns the number of demonstrations. Raises StageError when existing data was made otherwise, or when
+    almost no seed succeeds.
     """
     experiment, title = cell.experiment, cell.title("generate")
     path, rows_path = cell.data_path, cell.generation_path
@@ -61,7 +62,7 @@ def generate_data(cell: Cell) -> int:
 
 
 def what_was_said(cell: Cell, rows: Iterable[GenerationRow]) -> Iterator[str]:
-    """What RoboBrain's answers came to, where any was refused, and where those of a model are kept."""
+    """Yields a summary of RoboBrain's answers, if any was refused, and the folder of a model's answers."""
     said = [row.dialogue for row in rows]
     codes = sum((each.codes for each in said), Counter[str]())
     if codes:
@@ -74,7 +75,7 @@ def what_was_said(cell: Cell, rows: Iterable[GenerationRow]) -> Iterator[str]:
 
 
 def why_seeds_failed(experiment: Experiment) -> str:
-    """The reasons for which most seeds failed, with counts, and where all of them are."""
+    """The most frequent reasons why seeds failed, with counts, and where all rows are."""
     paths = [cell.generation_path for cell in cells(experiment)]
     rows = [row for path in paths for row in known_rows(path, GenerationRow)]
     where = paths[0] if len(paths) == 1 else experiment.out / "results" / "generate"
@@ -98,10 +99,10 @@ def collect(
     source: Callable[[Sequence[int], int | None], Iterator[Attempt]],
     became: str = "succeeded",
 ) -> int:
-    """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
+    """Stores the episodes of the seeds of `span` and a row of each: of all, or until there are `enough`.
 
-    `source` gives the attempts at some of the seeds, in their order: at all, or until so many have succeeded.
-    Returns how many of `span` there are.
+    `source(seeds, wanted)` yields the attempts at the seeds in their order: at all, or until `wanted` have
+    succeeded. Returns the number of stored episodes of `span`.
     """
     title, known = cell.title(stage), {row.seed: row for row in known_rows(rows_path, GenerationRow)}
     for lost in _lost(store, span, known, rows_path):
@@ -120,7 +121,7 @@ def collect(
         for row, episode in source(missing, None if enough is None else enough - made):
             if episode is not None:
                 store.append(episode)
-            if row.seed not in known:  # a kill before this: the episode has its row
+            if row.seed not in known:  # after a kill before this, `_lost` restores the row
                 append_row(rows_path, row)
                 log(row)
             tried.add(row.seed)
@@ -132,13 +133,13 @@ def collect(
 def attempts(
     cell: Cell, make: Callable[[int], Outcome], seeds: Sequence[int], wanted: int | None
 ) -> Iterator[Attempt]:
-    """Rows and episodes of `seeds` in their order: of all, or until so many as are wanted have succeeded.
+    """Yields rows and episodes of `seeds` in their order: of all, or until `wanted` have succeeded.
 
-    `make` gives the outcome of a seed, made as the cell's settings say, in a process of this machine.
+    `make` returns the outcome of a seed under the cell's settings; it runs in processes of this machine.
     """
     for outcome in generate(make, seeds, cell.experiment.workers, cell.experiment.seed_limit_s):
         row, episode = generation_row(cell.settings, outcome), outcome.episode
-        if episode is not None:  # its certificate has the row, without the time, so that bytes are the same
+        if episode is not None:  # its certificate has the row, without the time, so that bytes are equal
             kept = {name: value for name, value in plain(row).items() if name != "wall_s"}
             episode = replace(episode, certificate={**episode.certificate, "row": kept})
         yield row, episode
@@ -160,7 +161,7 @@ def _store(cell: Cell) -> Store:
 
 
 def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:
-    """What is asked for; data that hold the pictures of all cameras will do, and go on with those."""
+    """The experiment's pictures; those of all cameras where the existing data hold them."""
     asked = cell.experiment.pictures
     everything = replace(asked, cameras="all")
     return everything if {*there} == {*everything.of(len(cell.task.agents))} else asked
@@ -169,7 +170,7 @@ def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:
 def _lost(
     store: Store, span: Container[int], known: Container[int], rows_path: Path
 ) -> Iterator[GenerationRow]:
-    """The rows of stored episodes that are not among the rows: a kill, or a line that was removed."""
+    """Yields the missing rows of stored episodes, lost by a kill or the removal of a line."""
     for index, seed in enumerate(store.seeds.tolist()):
         if seed in known or seed not in span:
             continue
@@ -184,7 +185,7 @@ def _lost(
 
 
 def _record(cell: Cell, seeds: Sequence[int]) -> None:
-    """Makes episodes once more, being recorded, where the recording is missing: same seed, same episode."""
+    """Makes missing recordings by making episodes again: the same seed gives the same episode."""
     settings, task = cell.settings, cell.task
     settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
     sweep(cell.recording_path("generate", 0).parent)
@@ -192,11 +193,11 @@ def _record(cell: Cell, seeds: Sequence[int]) -> None:
         path = cell.recording_path(f"generate-{cell.data_path.stem}", seed)
         if path.exists():
             continue
-        # What depth cameras see decides the plan, so of that pictures keep their size.
+        # Depth pictures decide the plan where occupancy is depth, so there they keep their size.
         pictures = cell.experiment.pictures
         world = shared_simulator(task, pictures.enlarged if settings.occupancy == "state" else pictures)
         title = f"{task.title}, {cell.constraint_set.name}, scene {seed}"
-        world.reset(seed)  # cameras and arms are recorded where they stand in this scene
+        world.reset(seed)  # cameras and arms have their poses of this scene in the recording
         with whole(path) as draft, recording.EpisodeRecorder(draft, world.task, world, title) as recorder:
             EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")

@@ -1,4 +1,4 @@
-"""Weights & Biases: training curves and rates, followed while they come. Offline unless asked otherwise."""
+"""Weights & Biases: logs training curves and success rates during a run. Offline by default."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -7,14 +7,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rf_exp import policy  # its networks are for training, and demonstrations are made without them
+from rf_exp import policy  # as a module, to make demonstrations without importing its networks
 from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.errors import StageError
 from rf_exp.stages.cell import Cell
 
 ResultRow = GenerationRow | EvaluationRow
 Log = Callable[[int, Mapping[str, float]], None]
-TOLD = (  # of the experiment, beside what a run is about
+TOLD = (  # keys of the experiment that a run's configuration has too
     *("recipe", "demos", "episodes", "seed", "train_seed", "scenes"),
     *("attempts", "occupancy", "name", "shield"),
 )
@@ -24,7 +24,7 @@ TOLD = (  # of the experiment, beside what a run is about
 def rate_log(
     cell: Cell, stage: str, known: Iterable[ResultRow] = ()
 ) -> Iterator[Callable[[ResultRow], None]]:
-    """A function that logs the rates of a stage after each of its rows; `known` are those of earlier runs."""
+    """Context with a function that logs a stage's rates after each row; `known` are rows of earlier runs."""
     rates = Rates()
     for result in known:
         rates.add(result)
@@ -38,7 +38,7 @@ def rate_log(
 
 
 class Rates:
-    """What result rows add up to. Every row counts, failed ones too."""
+    """Rates over result rows. Every row counts, failed ones too."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -65,12 +65,12 @@ class Rates:
 
 @contextmanager
 def run_log(cell: Cell, stage: str, view: str = "") -> Iterator[Log]:
-    """A function that logs figures at a step. What logs nothing gets no run."""
+    """Context with a function that logs figures at a step. The run is made at its first call."""
     experiment = cell.experiment
     if experiment.wandb == "disabled":
         yield lambda step, figures: None
         return
-    import wandb  # slow to import, and not needed by those who switch it off
+    import wandb  # slow to import, and not needed where it is disabled
 
     folder, run = experiment.out / "wandb", None
     folder.mkdir(parents=True, exist_ok=True)
@@ -81,7 +81,7 @@ def run_log(cell: Cell, stage: str, view: str = "") -> Iterator[Log]:
             try:
                 run = wandb.init(
                     project="rf_exp",
-                    dir=folder.parent,  # where it makes its folder, of that name
+                    dir=folder.parent,  # it makes its own folder `wandb` there
                     mode=experiment.wandb,
                     job_type=stage,
                     settings=wandb.Settings(silent=True, console="off"),
@@ -102,7 +102,7 @@ def run_log(cell: Cell, stage: str, view: str = "") -> Iterator[Log]:
 
 
 def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
-    """Name, group, tags and configuration of a run: what it is about, and all that it was made with."""
+    """Name, group, tags and configuration of a run."""
     experiment, arch = cell.experiment, cell.chosen_arch
     counted = f"{experiment.learned_from if stage == 'evaluate' else experiment.demos} demos"
     if stage == "generate" and experiment.episodes is not None:
@@ -137,10 +137,10 @@ class Follower:
 
     def __init__(self, path: Path, log: Log) -> None:
         self._path, self._log, self._step = path, log, 0
-        self._step = max((curve.step for curve in self._rows()), default=0)  # an earlier run's are old
+        self._step = max((curve.step for curve in self._rows()), default=0)  # skips those of earlier runs
 
     def new(self) -> "Iterator[tuple[policy.Curve, int]]":
-        """The rows that have come since the last call, each with the steps since the row before it."""
+        """Yields the rows since the last call, each with the number of steps since the row before it."""
         for curve in self._rows():
             steps, self._step = curve.step - self._step, curve.step
             self._log(curve.step, asdict(curve))

@@ -1,8 +1,8 @@
-"""Redrawing: demonstrations drawn once more under other appearances, for the price of the pictures alone.
+"""Redrawing: renders demonstrations again under other appearances, at the cost of the pictures alone.
 
-Neither physics nor plans know what a scene looks like, and states are stored: arms and things are put where
-they were measured at each step, and the cameras look. A copy draws anew what pictures alone show (cameras,
-sensors, appearance, light); the first copy is the demonstration as it is.
+Neither physics nor plans depend on the appearance of a scene, and states are stored: arms and objects are
+put at their measured states of each step, and the cameras render. A copy samples anew the factors that
+pictures alone show (cameras, sensors, appearance, light); the first copy is the original demonstration.
 """
 
 from dataclasses import replace
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rf_exp import sim  # few trainings redraw anything, and the others do without ManiSkill
+from rf_exp import sim  # as a module, as most trainings redraw nothing and do not need ManiSkill
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import Progress
@@ -21,16 +21,16 @@ from rf_exp.types import Episode
 
 
 def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: int) -> Path:
-    """The store of `copies` of each episode of another, those of one episode side by side.
+    """Writes the store `path` with `copies` of each episode of `source`, copies of one episode side by side.
 
-    `task` is that of the other. Goes on where it was left. Depth and segmentation are not kept. Raises
+    `task` is that of `source`. Continues where it stopped. Depth and segmentation are not kept. Raises
     ArgumentError for a task of other scenes, and for a variation that pictures do not show, or that would
-    have moved something, StageError where something else is there.
+    have moved something, StageError where `path` holds something else.
     """
     if copies < 2:
         raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
     now = plain(task.identity)
-    if source.identity.get("scene", now) != now:  # what was imported has none, and is refused below
+    if source.identity.get("scene", now) != now:  # imported stores have none, and are refused below
         raise ArgumentError(
             f"{source.path} is of other scenes than the task has now; say with which variation it was "
             "generated, or generate again"
@@ -60,7 +60,7 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
 
 
 def copied(world: "sim.Simulator", episode: Episode, task: Task, copy: int) -> Episode:
-    """The episode with other pictures."""
+    """The episode with the pictures of copy number `copy`."""
     world.reset(episode.seed, copy)
     images = {name: np.empty_like(pictures) for name, pictures in episode.images.items()}
     for step, qpos in enumerate(episode.qpos):

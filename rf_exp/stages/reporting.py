@@ -1,4 +1,4 @@
-"""Tables, report, and where to look: pure functions of the rows that are there."""
+"""Reporting: tables, report and summary, as pure functions of the existing rows."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,11 +15,11 @@ SHOWN = (  # tables, in this order
 
 
 def write_tables(experiment: Experiment) -> None:
-    """Writes tables and report, prints the tables that have figures, what was reached, and where to look."""
+    """Writes tables and report; prints the tables that have figures, success rates, and where files are."""
     with owned(experiment.out / "report.html"):
         known = {**ablation.configured(), **ablation.facts(experiment.tasks)}
         tables, report = ablation.publish(experiment.out, known)
-    said = set[str]()  # by one table, so that the next one need not say it again
+    said = set[str]()  # notes already printed, which further tables omit
     for name in SHOWN:
         if name in tables and tables[name].measured:
             ablation.show(tables[name], console, said)
@@ -33,7 +33,7 @@ def write_tables(experiment: Experiment) -> None:
 
 
 def reached(experiment: Experiment) -> Iterator[str]:
-    """How often the policies of the experiment succeeded, and a film of a success, or else of a failure."""
+    """Yields the success rates of the policies, each with a film of a success, or else of a failure."""
     for cell in cells(experiment):
         for learned in map(cell.with_arch, experiment.archs):
             if rows := sorted(evaluated(learned), key=lambda row: (not row.success, row.scene_seed)):
@@ -47,7 +47,7 @@ def reached(experiment: Experiment) -> Iterator[str]:
 
 
 def following(experiment: Experiment) -> str:
-    """A command to go on with: the paper's next task, or after several tasks all of them."""
+    """A command to run next: the paper's next task, or after several tasks all of them."""
     tasks, (last, *others) = [*ablation.paper().levels], [task.name for task in experiment.tasks]
     if others:
         return "python -m rf_exp.run -m experiment=benchmark"

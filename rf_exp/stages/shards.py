@@ -1,9 +1,9 @@
-"""Shards: generation in blocks of consecutive seeds, made side by side by an engine and put together here.
+"""Shards: generation in blocks of consecutive seeds, made in parallel by an engine and merged here.
 
 A shard is the stage `generate` of `episodes` seeds with an `out` of its own, `<first>-<last>` in the folder
-of all shards that the same configuration, code and assets make. So it goes on where it was stopped, and is
-not made again when it is finished. What shards hold is handed on in the order of the seeds, as if they had
-been tried here; a shard is removed when all of it has been taken.
+of all shards of the same configuration, code and assets. So it continues where it was stopped, and is not
+made again once it is finished. Rows and episodes are passed on in the order of the seeds, as if they had been
+tried here; a shard is removed when all of it has been taken.
 """
 
 import re
@@ -26,8 +26,8 @@ from rf_exp.stages.cell import Cell, known_rows, owned
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
-RECORD = "configuration.json"  # of what all shards of a folder are made
-SEEN_S = 90.0  # NFS remembers for a minute that a file was not there
+RECORD = "configuration.json"  # with the identity of all shards of a folder
+SEEN_S = 90.0  # NFS caches for a minute that a file does not exist
 _NAME = re.compile(r"(\d+)-(\d+)")
 
 Attempt = tuple[GenerationRow, Episode | None]
@@ -35,27 +35,27 @@ Attempt = tuple[GenerationRow, Episode | None]
 
 @dataclass(frozen=True)
 class Shards:
-    """The shards of one cell. `generate` makes the artifacts of its stage below an `out`."""
+    """The shards of one cell. `generate` runs the stage for the cell of a shard."""
 
     cell: Cell
     generate: Callable[[Cell], object]
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What decides the bytes of all shards, beside their seeds."""
+        """The identity of all shards: what decides their bytes beside the seeds."""
         experiment = self.cell.experiment
         return without(self.cell.store_identity(experiment.pictures), first_seed=experiment.seed)
 
     @cached_property
     def folder(self) -> Path:
-        """Of all shards; absolute, because other machines work there."""
+        """The folder of all shards; absolute, because other machines work there."""
         return self.cell.shards_path(digest(self.identity)).resolve()
 
     def attempts(self, seeds: Sequence[int], wanted: int | None) -> Iterator[Attempt]:
-        """Rows and episodes of `seeds` in their order: of all, or until so many as are wanted have succeeded.
+        """Yields rows and episodes of `seeds` in their order: of all, or until `wanted` have succeeded.
 
-        No shard is begun that would not be needed if every seed succeeded. Raises StageError where shards
-        cannot be made, or do not hold what they should.
+        Begins only shards that would be needed if every seed succeeded. Raises StageError where shards cannot
+        be made, or have the wrong content.
         """
         launch, left = self.cell.experiment.launch, dict.fromkeys(seeds)
         write_json(self.folder / RECORD, self.identity)
@@ -85,7 +85,7 @@ class Shards:
             shutil.rmtree(self.folder)
 
     def piece(self, block: range) -> "Shards":
-        """What makes one shard, in one process of some machine."""
+        """The shard of one block, as a value for the process that makes it."""
         whole = self.cell.experiment
         experiment = replace(
             whole,
@@ -111,7 +111,7 @@ class Shards:
 
     def _taken(self, block: range, left: Container[int]) -> Iterator[Attempt]:
         cell = self.piece(block).cell
-        with owned(cell.generation_path):  # whoever made it has finished
+        with owned(cell.generation_path):  # waits for the process that makes it
             told = self._rows(block)
             store = Store.open(cell.data_path, {**self.identity, "first_seed": block.start})
             stored = {seed: index for index, seed in enumerate(store.seeds.tolist())}
@@ -126,13 +126,13 @@ class Shards:
 
 
 def begun(folder: Path) -> list[range]:
-    """The seeds of each shard that is there, finished or not, in their order."""
+    """The seeds of each existing shard, finished or not, in their order."""
     found = (_NAME.fullmatch(path.name) for path in folder.iterdir())
     return sorted((range(int(name[1]), int(name[2]) + 1) for name in found if name), key=lambda b: b[0])
 
 
 def blocks(seeds: Sequence[int], there: Sequence[range], size: int, wanted: int | None) -> list[range]:
-    """The shards of `seeds`, ascending, or the first `wanted`: those there, and others of at most `size`."""
+    """The shards of ascending `seeds`, or the first `wanted`: existing ones, and new ones of up to `size`."""
     new = {seed for seed in seeds if not any(seed in block for block in there)}
     needed, covered = len(seeds) if wanted is None else min(wanted, len(seeds)), 0
     found: list[range] = []
@@ -151,7 +151,7 @@ def _name(block: range) -> str:
 
 
 def make_shard(piece: Shards, wanted: Mapping[str, Any]) -> None:
-    """Makes a shard where an engine has chosen. Raises StageError where it would not be as `wanted`."""
+    """Makes a shard on the engine's machine. Raises StageError if its identity there is not `wanted`."""
     here, folder = f"machine {socket.gethostname()}", piece.cell.experiment.out.parent
     if not (folder / RECORD).is_file():
         raise StageError(

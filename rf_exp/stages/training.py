@@ -1,10 +1,9 @@
-"""Training: a policy for each view of an architecture, in as many rounds as the expert corrects them.
+"""Training: a policy for each view of an architecture, again after each round of correction by the expert.
 
-DAgger: the policies of a round act in scenes of their own. Of a rollout that they lose, a moment is drawn in
-which somebody was moving; their commands lead there once more, and RoboBrain, planner and RoboChecker go on
-(Ross et al. 2011; that the expert carries the episode through, Kelly et al. 2019). What the policies did is
-stored too, marked as nobody's subgoal, and not learned from. The rows say how many proposals the expert was
-asked for.
+DAgger: the policies of a round act in scenes of their own. In a failed rollout, a moment is drawn at which an
+arm was moving; the policies' commands are replayed up to it, and RoboBrain, planner and RoboChecker continue
+(Ross et al. 2011; the expert finishes the episode, Kelly et al. 2019). The policies' part is stored too,
+marked as no agent's subgoal, and not learned from. The rows count the proposals asked of the expert.
 """
 
 import os
@@ -34,15 +33,15 @@ from rf_exp.stages.redrawing import redraw
 from rf_exp.store import Store, card
 from rf_exp.types import CORRECTION, Rollout, RolloutStep
 
-MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
-SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
+MOMENTS = 3  # at which the expert is tried, each half as late as the one before, until it succeeds
+SAVING_S = 20.0  # what a training gets after SIGTERM for its last step and for saving
 
 
 def train_policies(cell: Cell) -> None:
-    """One policy for each view of the architecture, from the first `demos` episodes, anew in each round.
+    """Trains one policy for each view of the architecture on the first `demos` episodes, anew in each round.
 
-    Each in a process of its own, side by side: a small network gains little from a second core, and leaves a
-    GPU idle while its kernels are launched.
+    Policies train in parallel, one process each: a small network gains little from a second core, and leaves
+    a GPU idle while its kernels are launched.
     """
     for rounds in range(cell.experiment.dagger.rounds + 1):
         now = cell.after(rounds)
@@ -58,7 +57,7 @@ def train_policies(cell: Cell) -> None:
                 demos *= copies
             there = all((folder / view.name / MODEL).exists() for view in views)
             processes = min(len(views), experiment.workers)
-            # Small networks are too small for threads: they would spend their time waiting for each other.
+            # Threads of a small network would spend their time waiting for each other.
             large = experiment.policy.encoder.large
             threads = max(1, (os.cpu_count() or 1) // processes) if large else 1
             made_with = demos, experiment.policy, config, threads
@@ -91,7 +90,7 @@ def _train(
 
 
 def demonstrations(cell: Cell) -> tuple[Path, int]:
-    """The data set, and of how many of its episodes policies learn, once it is known to hold enough."""
+    """The data set, and the number of its episodes to learn from. Raises StageError if it has too few."""
     if cell.experiment.dagger.rounds:
         return cell.corrected_path, len(Store.open(cell.corrected_path))
     path, wanted = cell.data_path, cell.experiment.demos
@@ -107,12 +106,12 @@ def demonstrations(cell: Cell) -> tuple[Path, int]:
 
 
 def correct(cell: Cell) -> None:
-    """The data set of the round before, and the expert's corrections. Goes on where it stopped.
+    """Writes the data set of the round before with the expert's corrections; continues where it stopped.
 
-    Raises StageError where the policies of the round before were made otherwise.
+    Raises StageError where the policies of the round before were not made as the experiment says.
     """
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
-    # In the scenes in which the expert takes over, whatever the policies are evaluated in.
+    # The scenes vary as in generation, where the expert takes over, whatever the variation of evaluation.
     acts = replace(experiment.after(rounds - 1), shield=False, evaluated=cell.task.variation)
     before = replace(cell, experiment=acts)
     policies = acting(before)
@@ -133,7 +132,7 @@ def correct(cell: Cell) -> None:
             cell.settings,
             experiment.pictures,
             cameras=store.cameras,
-            known=usual.most_common(1)[0][0],  # the texts of the subgoals of each agent that most have
+            known=usual.most_common(1)[0][0],  # the most frequent subgoal texts of each agent
             extras=store.extras,
         )
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)

@@ -1,8 +1,7 @@
-"""Rows in, tables out: the paper's tables with its figures beside ours. Pure functions.
+"""Tables from rows: the paper's tables with its figures beside ours. Pure functions.
 
-A cell counts every attempt it has, failed ones too, and only those of the newest version of the
-success criteria; what was left out is named in a note. Beside every success rate and episode length stand
-the violations of the same attempts.
+A cell counts every attempt of the newest version of the success criteria, failed ones too; a note names
+what is left out. Every success rate and episode length has the violations of the same attempts beside it.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,10 +28,10 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
-    """Every table, by name, for a suite of tasks; `robustness`, `final`, `brains` where rows are there."""
+    """Every table, by name, for a suite of tasks; `robustness`, `final`, `brains` only if they have lines."""
     of_trial = trial(results)
     usual = unvaried(of_trial)
-    own = ours(usual)  # no table of ours counts rollouts of others
+    own = ours(usual)  # without rollouts of foreign policies
     tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
     notes = learnt_from(own)
     tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}

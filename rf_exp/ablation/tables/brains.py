@@ -1,4 +1,4 @@
-"""How good brains are: what conf/experiment/brains.yaml compares."""
+"""The table of brains, which conf/experiment/brains.yaml compares."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,7 +13,7 @@ from rf_exp.ablation.tables.table import Cell, Column, Line, Share, Table, Text
 from rf_exp.findings import Answer, Ruling
 
 NONE = "-"  # where there is nothing to count
-REPAIRS = 3  # that are told apart
+REPAIRS = 3  # most that have a figure of their own
 
 COLUMNS = (
     Column("brain", "Brain", Text),
@@ -55,7 +55,7 @@ def brains(results: Results, suite: Suite) -> Table:
 
 
 def _counts(row: GenerationRow) -> bool:
-    """Whether it says what was answered, under all constraints, for motion that nothing disturbs."""
+    """Whether a row has answers, under all constraints, for undisturbed motion."""
     return bool(row.dialogue.answers) and row.constraints == BASELINE_CONSTRAINTS and not row.disturbance_rad
 
 
@@ -92,7 +92,7 @@ def _cells(rows: Sequence[GenerationRow]) -> Iterator[Cell]:
 
 
 def _constraints(firsts: Sequence[Answer]) -> Text:
-    """Means of those stated, understood and missing."""
+    """Mean numbers of constraints stated, understood and missing."""
     if not firsts:
         return Text(NONE)
     counts = [(each.stated, each.understood, each.missing, each.asked) for each in firsts]

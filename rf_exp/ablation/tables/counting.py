@@ -1,6 +1,6 @@
-"""Which rows a table is of, in which order, and the cells that they make.
+"""Selection and order of the rows of tables, and the cells computed from them.
 
-Every attempt counts, failed ones too, of the newest version of the criteria.
+Every attempt of the newest version of the criteria counts, failed ones too.
 """
 
 from collections import Counter
@@ -18,7 +18,7 @@ from rf_exp.types import FOREIGN, UNVARIED
 
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
 COORDINATED_ARCH = "separate_coordinated"  # ours
-BASELINE_CONSTRAINTS = "full"  # whose demonstrations the paper's policies learn from
+BASELINE_CONSTRAINTS = "full"  # of the demonstrations that the paper's policies learn from
 BASELINE_BRAIN = "scripted"
 
 
@@ -34,17 +34,17 @@ def unshielded(results: Results) -> list[EvaluationRow]:
 
 
 def ours(results: Results) -> Results:
-    """The results without rollouts of policies that are somebody else's."""
+    """The results without rollouts of foreign policies."""
     return replace(results, evaluation=tuple(row for row in results.evaluation if row.arch != FOREIGN.name))
 
 
 def varies(row: EvaluationRow) -> bool:
-    """Whether anything varied, the scenes or what was learned from."""
+    """Whether the scenes varied, or those of the demonstrations."""
     return {row.variation, row.learned_on} != {UNVARIED}
 
 
 def unvaried(results: Results) -> Results:
-    """Those of scenes and policies without variation, of which all tables are but `robustness`."""
+    """The results of scenes and policies without variation, for all tables but `robustness`."""
     generated = tuple(row for row in results.generation if row.variation == UNVARIED)
     return replace(results, generation=generated, evaluation=tuple(filterfalse(varies, results.evaluation)))
 
@@ -69,9 +69,9 @@ def demos_of(rows: Iterable[EvaluationRow]) -> list[int]:
 
 
 def recipes_of(rows: Iterable[EvaluationRow]) -> list[str]:
-    """The recipes that have rows: first the one with the most, last those that are told the state.
+    """The recipes that have rows: first the one with the most, last those given the privileged state.
 
-    Of those with as many, the ones that profiles choose come first: others differ from them.
+    Of equally many, the ones that profiles choose come first, as others are derived from them.
     """
     privileged = {row.recipe: row.observation == "state" for row in rows}
     counts = Counter(row.recipe for row in rows)
@@ -80,7 +80,7 @@ def recipes_of(rows: Iterable[EvaluationRow]) -> list[str]:
 
 
 def but_first(recipe: str, recipes: Sequence[str]) -> str:
-    """What the key of a line of a further recipe ends with."""
+    """The suffix of line keys for recipes after the first."""
     return "" if recipe == recipes[0] else f"-{recipe}"
 
 
@@ -92,7 +92,7 @@ def generated(results: Results) -> dict[tuple[str, str, str, bool], list[Generat
 
 
 def both_ways(rows: Sequence[EvaluationRow]) -> tuple[list[EvaluationRow], list[EvaluationRow]]:
-    """Rows without and with a shield: of the scenes that have both, or all where none has.
+    """Rows without and with a shield: of the scenes that have both, or all rows if no scene has.
 
     Rows are of one version of the criteria.
     """
@@ -103,7 +103,7 @@ def both_ways(rows: Sequence[EvaluationRow]) -> tuple[list[EvaluationRow], list[
 
 
 def core_minutes(rows: Iterable[EvaluationRow]) -> float:
-    """CPU time of learning behind the rollouts of one architecture, the mean of its training seeds."""
+    """CPU minutes of learning behind the rollouts of one architecture, the mean of its training seeds."""
     return fmean({row.train_seed: row.core_s for row in rows}.values()) / 60
 
 
@@ -144,7 +144,7 @@ def length(rows: Iterable[GenerationRow], figure: float | None) -> Length:
 def violations(rows: Iterable[GenerationRow | EvaluationRow], of: str = "violations") -> Violations:
     """The share of attempts with at least one violation, with Wilson's interval, and the mean number.
 
-    `of` names another field that is counted alike.
+    `of` may name another field to be counted alike.
     """
     kept, note = newest(rows)
     if not kept:

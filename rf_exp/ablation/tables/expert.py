@@ -1,4 +1,4 @@
-"""The ablation: what the expert reaches under each row of constraints."""
+"""Ablation tables: success and episode length of the expert under each row of constraints."""
 
 from collections.abc import Callable, Sequence
 from itertools import chain

@@ -1,4 +1,4 @@
-"""What tables know beside rows: the paper's figures, which are in `paper.yaml`, and the facts about tasks."""
+"""Inputs of tables beside rows: the paper's figures, which are in `paper.yaml`, and facts about tasks."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Paper:
 
 @cache
 def paper() -> Paper:
-    """The paper, read once."""
+    """The paper's figures, read once."""
     raw: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("paper.yaml").read_text("utf-8"))
 
     def by_demos(figures: list[float]) -> dict[int, float]:
@@ -57,7 +57,7 @@ def paper() -> Paper:
 
 @dataclass(frozen=True)
 class TaskFacts:
-    """One task, in the words of its YAML file: plain values, no simulator."""
+    """Facts about one task, from its YAML file: plain values, no simulator."""
 
     title: str
     agents: int

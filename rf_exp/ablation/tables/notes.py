@@ -1,4 +1,4 @@
-"""What has to be said below a table: what it leaves out, what cannot be compared, how far rows are apart."""
+"""Notes below a table: what it leaves out, what cannot be compared, differences between its rows."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ PROPOSAL_VIOLATIONS = (
 
 
 def learnt_from(results: Results) -> tuple[str, ...]:
-    """What has to be said of rows that stand beside the paper's figures and were made otherwise."""
+    """Notes on rows beside the paper's figures that were made otherwise."""
     notes = []
     if n := sum(row.disturbance_rad > 0 for row in results.generation):
         notes.append(
@@ -42,13 +42,13 @@ def learnt_from(results: Results) -> tuple[str, ...]:
 
 
 def shielded(results: Results) -> tuple[str, ...]:
-    """Where shielded rollouts are."""
+    """Note on the table with the shielded rollouts."""
     n = sum(row.shield for row in results.evaluation)
     return (f"{n} shielded rollouts are in a table of their own, shield.",) if n else ()
 
 
 def coordinated(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
-    """What has to be said where rollouts were told more than cameras show."""
+    """Note on rollouts whose policies were given more than cameras show."""
     if not any(row.arch == COORDINATED_ARCH for row in rows):
         return ()
     return (
@@ -58,7 +58,7 @@ def coordinated(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
 
 
 def left_out(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
-    """Policies that learnt from weaker data stay out of the paper's tables, but not unsaid."""
+    """Notes on policies that learnt from weaker data, which stay out of the paper's tables."""
     counts = Counter(row.constraints for row in rows if row.constraints != BASELINE_CONSTRAINTS)
     return tuple(
         f"{n} rollouts of policies that learnt from {name} data are not in this table."
@@ -83,7 +83,7 @@ def gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> li
 def gaps_by_column(
     lines: Sequence[Line], columns: Sequence[Column], reference: str, told: str
 ) -> Iterator[str]:
-    """How far the rates of lines are from those of the one of a title; `told` says of what they all are."""
+    """Yields for each column the gaps of its rates to the line titled `reference`; `told` describes them."""
     for index, column in enumerate(columns):
         cells = {line.title: line.cells[index] for line in lines}
         rates = {title: cell.estimate for title, cell in cells.items() if isinstance(cell, Rate)}
@@ -91,7 +91,7 @@ def gaps_by_column(
 
 
 def mixed_versions(lines: Sequence[Line], by_column: Sequence[Column] = ()) -> tuple[str, ...]:
-    """Cells of one task that were judged by different criteria cannot be compared: say so.
+    """Notes on tasks whose cells were judged by different criteria, and cannot be compared.
 
     A task is a row, or with `by_column` a column.
     """

@@ -1,4 +1,4 @@
-"""What the suite holds: its tasks, how far they are solved, and what other benchmarks cover."""
+"""Overview tables: the tasks of the suite, how far they are solved, and what other benchmarks cover."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -41,7 +41,7 @@ LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals,
 
 
 def tasks(results: Results, suite: Suite) -> Table:
-    """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
+    """Every task: its description (paper, supplementary task table) and how far it is solved."""
     rows, attempts = unshielded(results), generated(results)
     demos, recipe = demos_of(rows), recipes_of(rows)[0]
     baseline = [row for row in rows if is_baseline(row) and row.recipe == recipe]
@@ -90,8 +90,8 @@ def tasks(results: Results, suite: Suite) -> Table:
 def benchmark(results: Results, suite: Suite) -> Table:
     """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline).
 
-    The averages are over the paper's tasks of a level, so that they stand beside the paper's. The first
-    recipe has a line for every task, measured or not; below it, further ones have those of tasks with rows.
+    The averages are over the paper's tasks with a number of agents, to compare with the paper's. The first
+    recipe has a line for every task, measured or not; further ones, below, only for tasks with rows.
     """
     rows = unshielded(results)
     demos, recipes = demos_of(rows), recipes_of(rows)
@@ -149,7 +149,7 @@ def _baseline_cells(rows: Sequence[EvaluationRow], task: str, demos: Iterable[in
 
 
 def _average(key: str, agents: int, recipe: str, columns: Sequence[Column], lines: Sequence[Line]) -> Line:
-    """The line of a level below those of its tasks."""
+    """The line of averages below the tasks with a number of agents."""
     cells: list[Cell] = [Text(str(agents)), Text(recipe)]
     for index, column in enumerate(columns):
         below = [cell for line in lines if isinstance(cell := line.cells[index], Rate | Violations)]

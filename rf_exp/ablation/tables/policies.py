@@ -1,4 +1,4 @@
-"""Policies against each other: architectures, recipes, with and without a shield, and those of others."""
+"""Tables that compare policies: architectures, recipes, shield, final scenes, and foreign policies."""
 
 from collections.abc import Iterable, Mapping
 from itertools import chain
@@ -33,13 +33,13 @@ from rf_exp.ablation.tables.table import (
 )
 from rf_exp.types import FOREIGN
 
-Policy = TypeVar("Policy", bound=tuple[Any, ...])  # its task, and what else names it
+Policy = TypeVar("Policy", bound=tuple[Any, ...])  # its task, and further parts of its key
 
 
 def architectures(results: Results, suite: Suite) -> Table:
-    """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand.
+    """The four architectures (paper, section 4.2), a row for each number of demonstrations with rollouts.
 
-    Further recipes than the first have rows of the architectures that were measured, where they are several.
+    Recipes after the first have rows only for architectures that were measured, where these are several.
     """
     everything = unshielded(results)
     rows = under_all(everything)
@@ -86,9 +86,9 @@ def architectures(results: Results, suite: Suite) -> Table:
 
 
 def recipes(results: Results, suite: Suite) -> Table:
-    """Success by recipe, where several have learned the same task from as many demonstrations.
+    """Success by recipe, where several were trained on the same task with equally many demonstrations.
 
-    What conf/experiment/policy_ablation.yaml compares.
+    conf/experiment/policy_ablation.yaml makes this comparison.
     """
     rows = [row for row in unshielded(results) if is_baseline(row)]
     alike = grouped(rows, lambda row: (row.task, row.demos))
@@ -130,13 +130,13 @@ def _by_task(rows: list[EvaluationRow], figures: dict[str, float | None]) -> tup
 def _by_task_first(
     groups: Mapping[Policy, list[EvaluationRow]], known: Iterable[str]
 ) -> list[tuple[Policy, list[EvaluationRow]]]:
-    """Groups of rows, whose names begin with their task, by the order of tasks and then by their names."""
+    """Groups of rows, whose keys begin with their task, by the order of tasks and then by their keys."""
     order = tasks_of(known, chain.from_iterable(groups.values()))
     return sorted(groups.items(), key=lambda item: (order.index(item[0][0]), *item[0][1:]))
 
 
 def shield(results: Results, suite: Suite) -> Table:
-    """The same policies in the same scenes without and with a shield; a row for each that has both, or one.
+    """The same policies in the same scenes without and with a shield; a row for each that has shielded ones.
 
     Only scenes that were rolled out both ways are compared, where there are such scenes.
     """
@@ -179,7 +179,7 @@ def shield(results: Results, suite: Suite) -> Table:
 
 
 def final(results: Results, suite: Suite) -> Table:
-    """A row for each policy that has acted in the final scenes, beside the scenes of the other tables."""
+    """A row for each policy with rollouts in final scenes: success there and in the other tables' scenes."""
     policies = attrgetter("task", "arch", "constraints", "demos", "recipe")
     groups = grouped(unshielded(results), policies)
     lines = []
@@ -208,7 +208,7 @@ def final(results: Results, suite: Suite) -> Table:
 
 
 def foreign(results: Results, suite: Suite) -> Table:
-    """A row for each policy that is somebody else's and each task, shielded rollouts apart."""
+    """A row for each foreign policy and each task, with separate rows for shielded rollouts."""
     rows = [row for row in results.evaluation if row.arch == FOREIGN.name]
     groups = grouped(under_all(rows), attrgetter("task", "recipe", "demos", "shield"))
     lines = []

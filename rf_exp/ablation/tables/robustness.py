@@ -1,4 +1,4 @@
-"""What policies lose where scenes vary: what conf/experiment/robustness.yaml compares."""
+"""The robustness table: success of policies in varied scenes (conf/experiment/robustness.yaml)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from operator import attrgetter
@@ -23,14 +23,14 @@ from rf_exp.ablation.tables.table import (
 from rf_exp.types import UNVARIED
 
 ALL = "full"  # the variation of all factors together, which comes last
-# Task, recipe, what it learned on, demonstrations, whether it is shielded, architecture.
+# Task, recipe, variation of the demonstrations, their number, whether it is shielded, architecture.
 Policy = tuple[str, str, str, int, bool, str]
 
 
 def robustness(results: Results, suite: Suite) -> Table:
     """Success by the variation of scenes, for policies that acted in such scenes or have learned from them.
 
-    Each is paired with the same policies in the same scenes without variation. Policies of others count too.
+    Each is paired with the same policies in the same scenes without variation. Foreign policies count too.
     """
     policies = attrgetter("task", "recipe", "learned_on", "demos", "shield", "arch")
     groups: dict[Policy, list[EvaluationRow]] = grouped(under_all(results.evaluation), policies)
@@ -63,7 +63,7 @@ def robustness(results: Results, suite: Suite) -> Table:
 
 
 def in_order(variations: Iterable[str]) -> list[str]:
-    """Scenes without variation first, those of all factors last."""
+    """Sorted names of variations: none first, all factors last."""
     return sorted(set(variations), key=lambda name: (name != UNVARIED, name == ALL, name))
 
 
@@ -83,7 +83,7 @@ def _lines(policy: Policy, rows: Sequence[EvaluationRow], suite: Suite) -> Itera
 
 
 def _difference(rows: Sequence[EvaluationRow], without: Sequence[EvaluationRow]) -> Difference:
-    """How far rows are above those without variation, over the scenes that both have; missing without one."""
+    """Difference in success to rows without variation, over the scenes of both; missing if there are none."""
     before = {(row.version, row.train_seed, row.scene_seed): row.success for row in without}
     keys = [(row.version, row.train_seed, row.scene_seed) for row in rows]
     pairs = [(row.success, before[key]) for row, key in zip(rows, keys, strict=True) if key in before]
@@ -107,5 +107,5 @@ def _score(rows: Sequence[EvaluationRow]) -> Score:
 
 
 def _recipe(recipe: str, learned_on: str) -> str:
-    """Its name without the variation."""
+    """The name of a recipe without the variation."""
     return recipe.replace(f"+{learned_on}", "", 1)

@@ -1,4 +1,4 @@
-"""A table: columns of one kind of cell each, and lines of cells, each of which formats itself."""
+"""Tables: columns of one kind of cell each, and lines of cells, which format themselves."""
 
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar
@@ -19,7 +19,7 @@ LATEX = str.maketrans(
 
 @dataclass(frozen=True)
 class Text:
-    """Words, or a number that is not compared."""
+    """A text, or a number that is not compared."""
 
     unit: ClassVar = "text"
     value: str
@@ -36,24 +36,24 @@ class Text:
 
 @dataclass(frozen=True)
 class Figure:
-    """What all figures have. `value` None means: nothing was measured yet, or `instead` tells what was."""
+    """Base of all figures. `value` None means: nothing was measured yet, or `instead` takes its place."""
 
     unit: ClassVar[str]
     value: float | None = None
-    n: int = 0  # attempts behind it; behind a length successes
+    n: int = 0  # attempts behind it; for a length successes
     interval: Interval | None = None  # 95 %
     note: str = ""
     version: str = ""  # of the success criteria
-    instead: str = ""  # what stands in its place, such as `no success`
+    instead: str = ""  # text in place of a value, such as `no success`
 
     @staticmethod
     def number(value: float, sign: bool = True) -> str:
-        """In the unit of the cell: `97.5 %`, `80.7`; without its sign `97.5`."""
+        """A value in the unit of the cell: `97.5 %`, `80.7`; without `sign` `97.5`."""
         return f"{100 * value:.1f}" + " %" * sign
 
     @property
     def figure(self) -> str:
-        """Ours alone: `97.5 %`, `80.7`, `missing`."""
+        """Our figure alone: `97.5 %`, `80.7`, `missing`."""
         return (self.instead or MISSING) if self.value is None else self.number(self.value)
 
     @property
@@ -62,7 +62,7 @@ class Figure:
 
     @property
     def details(self) -> list[str]:
-        """What belongs to the figure: first its interval, with the size of the sample."""
+        """Details of the figure: first its interval, with the sample size."""
         size = f"n={self.n}" if self.n else ""
         spread = " ".join(filter(None, [self.bracketed(self.interval), size]))
         return [spread] if spread else []
@@ -79,7 +79,7 @@ class Figure:
         return "".join(rf"\textbf{{{text}}}" if strong else text for text, strong in spans)
 
     def csv(self) -> dict[str, object]:
-        """The numbers as they are: rates in [0, 1], lengths in control steps."""
+        """Unformatted numbers: rates in [0, 1], lengths in control steps."""
         low, high = self.interval or (None, None)
         status = MISSING if self.missing else "measured"
         said = {"status": status, "value": self.instead or self.value, "low": low, "high": high, "n": self.n}
@@ -88,7 +88,7 @@ class Figure:
         return {**said, "version": self.version, "note": self.note, **further}
 
     def _spans(self) -> list[tuple[str, bool]]:
-        """(text, whether it is emphasised) for the figure and all that belongs to it."""
+        """(text, whether it is emphasised) for the figure and its details."""
         if self.value is None:
             return [(self.figure, False)]
         return [(self.figure, True), *((f", {text}", False) for text in self.details)]
@@ -118,7 +118,7 @@ class Rate(Figure):
 
     @property
     def unmended(self) -> Estimate | None:
-        """The rate without a violation, where it is another than the rate."""
+        """The rate without a violation, where it differs from the rate."""
         return self.clean if self.clean is not None and self.clean.value != self.value else None
 
     @property
@@ -158,7 +158,7 @@ class Violations(Figure):
     """The share of attempts with a violation, in [0, 1]; of the same sample as the figure before it."""
 
     unit: ClassVar = "violations"
-    mean_violations: float | None = None  # of an attempt
+    mean_violations: float | None = None  # per attempt
 
     @property
     def details(self) -> list[str]:
@@ -168,7 +168,7 @@ class Violations(Figure):
 
 @dataclass(frozen=True)
 class Difference(Figure):
-    """How far a rate is from another one of the same scenes, in [-1, 1]; `n` are these scenes."""
+    """The difference of two rates over the same scenes, in [-1, 1]; `n` counts these scenes."""
 
     unit: ClassVar = "difference"
     p: float | None = None  # of McNemar's exact test, two-sided
@@ -184,7 +184,7 @@ class Difference(Figure):
 
 @dataclass(frozen=True)
 class Score(Figure):
-    """How far attempts came on average, from 0 to 1, which is success."""
+    """Mean progress of attempts, from 0 to 1 (success)."""
 
     unit: ClassVar = "score"
 
@@ -204,7 +204,7 @@ Cell = Rate | Length | Violations | Difference | Score | Share | Text
 
 
 def p_value(p: float) -> str:
-    """`p=0.031`; what is smaller than a thousandth, as less than it."""
+    """`p=0.031`; below a thousandth `p<0.001`."""
     return "p<0.001" if p < 0.001 else f"p={p:.2g}" if p < 0.1 else f"p={p:.2f}"
 
 
@@ -214,13 +214,13 @@ def escape_latex(text: str) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """What is below one title, all of one kind."""
+    """A column of a table, with cells of one kind."""
 
     key: str  # its name in CSV
     title: str
     kind: type[Cell] = Rate
     demos: int | None = None  # demonstrations that policies of this column have learnt from
-    beside: bool = False  # of the attempts of the column before it: what is said once is said there
+    beside: bool = False  # same attempts as the column before it, which has the notes
 
     @property
     def compared(self) -> bool:
@@ -235,7 +235,7 @@ class Line:
     key: str  # its name in CSV
     title: str
     cells: tuple[Cell, ...]
-    average: bool = False  # of lines above it
+    average: bool = False  # whether it averages lines above it
 
     @property
     def measured(self) -> bool:
@@ -245,7 +245,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the paper. `heading` is the title of the column of row titles."""
+    """A table. `heading` is the title of the column of row titles."""
 
     name: str
     title: str
@@ -267,7 +267,7 @@ class Table:
 
     @property
     def compared(self) -> list[tuple[int, int | None]]:
-        """The columns of figures that the paper has too, each with that of its violations, if it has one."""
+        """Indices of columns of figures that the paper has too, each with that of its violations, if any."""
         after = [*(column.beside for column in self.columns[1:]), False]
         return [
             (index, index + 1 if after[index] else None)
@@ -282,7 +282,7 @@ class Table:
 
     @property
     def folded(self) -> "Table":
-        """Itself without lines and columns that hold no figure of ours; notes name them. Else itself."""
+        """The table without lines and columns that lack figures of ours, named in notes; itself if all do."""
         if not self.measured:
             return self
         lines = [line for line in self.lines if line.measured]
@@ -300,7 +300,7 @@ class Table:
 
 
 def _is_empty(cell: Cell) -> bool:
-    """Whether it is no figure of ours."""
+    """Whether a cell holds no figure of ours."""
     return isinstance(cell, Text) or cell.missing
 
 
@@ -312,6 +312,6 @@ def of_texts(**titles: str) -> tuple[Column, ...]:
 def with_violations(
     key: str, title: str, kind: type[Cell] = Rate, demos: int | None = None
 ) -> tuple[Column, Column]:
-    """A column of figures and the one beside it, of the violations of the same attempts."""
+    """A column of figures, and one beside it with the violations of the same attempts."""
     beside = Column(f"{key}_violations", "violations", Violations, beside=True)
     return Column(key, title, kind, demos), beside

@@ -1,1 +1,1 @@
-"""Policies in the control loop: observations in, targets in chunks out; the shield and the rollout."""
+"""Policies in the control loop: from observations to chunks of targets; the rollout and the shield."""

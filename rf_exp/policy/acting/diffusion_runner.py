@@ -1,4 +1,4 @@
-"""Diffusion runner: a diffusion policy that acts through the streams of its view."""
+"""Diffusion runner: a trained policy of this suite that acts through the streams of its view."""
 
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
@@ -38,32 +38,32 @@ from rf_exp.policy.networks.policy import Policy
 from rf_exp.transforms import Matrix, placed
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
-SETTLE_STEPS = 2  # until an arm stands where it was sent
-WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
-SEARCH = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, at the one after a miss, and so on
-SAME_SCENE = 0.03  # predicted probabilities that differ by less are of a scene in which nothing changes
+SETTLE_STEPS = 2  # steps until an arm has settled at its target
+WAIT_STEPS = 4  # executed steps of a chunk in which every agent waits; then the policy predicts again
+SEARCH = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, after a first failed grasp, ...
+SAME_SCENE = 0.03  # predicted probabilities that differ by less are of an unchanged scene
 
 
 class TransitionIntegrator:
-    """Who may go on, from the predicted probabilities of doing so, added up while nothing changes.
+    """Decides which agents go on, by summing the predicted probabilities while the scene does not change.
 
-    Whether an arm may go on is learned from single moments. Where those before it leaves look like those in
-    which it has to stay (a shutter that has been pressed looks as it did, an arm that comes late stands where
-    it stood), what is learned is the rate of leaving: a number below a half, the same at every prediction.
-    Who waits for more than a half would wait for ever. A rate is of a control step, and who waits predicts in
-    one of WAIT_STEPS: demonstrations would have left once where the sum is 1 / WAIT_STEPS. With a `bound` of
-    0 every prediction stands for itself.
+    Whether an arm may go on is learned from single moments. Where the moments before it leaves look like
+    those in which it has to stay (a shutter looks the same after it was pressed, a late arm stands still),
+    what is learned is the rate of leaving: a probability below 0.5, the same at every prediction. An arm that
+    only left above 0.5 would wait forever. The rate is per control step, and a waiting agent predicts once in
+    WAIT_STEPS: at a sum of 1 / WAIT_STEPS, demonstrations would have left once. With a `bound` of 0 every
+    prediction is judged on its own.
     """
 
     def __init__(self, bound: float) -> None:
         self._bound = bound
-        self._last = self._sums = np.zeros(())  # (n, K + 1) of the last prediction, since something changed
+        self._last = self._sums = np.zeros(())  # (n, K + 1) last, and summed since the scene changed
 
     def __call__(self, probabilities: NDArray[np.float64]) -> Coordination:
         """From probabilities (n, K + 1) of each of K subgoals and, last, of going on, for each of n agents.
 
-        Who goes on because the sum reaches the bound is at a later subgoal than the most likely one, if
-        at least half of the sum says so.
+        An agent that goes on because its sum reaches the bound gets the latest subgoal whose probabilities
+        add up to at least half of that sum, if this is later than the most likely one.
         """
         changes = np.abs(probabilities - self._last).max(axis=1) > SAME_SCENE
         self._sums = np.where(changes[:, None], 0, self._sums) + probabilities
@@ -81,25 +81,25 @@ class TransitionIntegrator:
 
 @dataclass
 class _Episode:
-    """The last observed frames of an episode, and what else the next prediction depends on."""
+    """State of an episode: the last observed frames, and all else that the next prediction depends on."""
 
     frames: deque[tuple[Tensor, ...]]  # features (S, F), proprioception (S, P) and context (S, C) of each
     transitions: TransitionIntegrator
-    generators: list[torch.Generator]  # of the streams
+    generators: list[torch.Generator]  # per stream
     grippers: Memory
-    widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
-    cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
-    homing: NDArray[np.bool_]  # (agents of the view,) who has to go to rest before the next look
-    # Of an agent, at the change of its gripper of this number: how often its fingers have shut on nothing.
+    widths: NDArray[np.floating]  # (N,) m, last measured finger openings; NaN where not declared
+    cameras: list[tuple[CameraEstimate, ...]]  # per stream; only for uncalibrated cameras
+    homing: NDArray[np.bool_]  # (agents of the view,) whether to move to rest before the next observation
+    # (agent, number of the gripper change) -> number of failed grasps (fingers closed on nothing)
     misses: Counter[tuple[int, int]] = field(default_factory=Counter)
 
 
 class DiffusionRunner(PolicyRunner):
     """One policy acting through all streams of its view, batched: each stream is a row.
 
-    Keeps the last observations already encoded, so every picture is encoded at most once, and only
-    those are taken that an observation will hold. It declares the joints of its own agents, and its cameras;
-    a privileged-state policy the joints of all agents and the poses of all objects.
+    Observations are kept encoded, so every picture is encoded at most once, and only pictures that an
+    observation will hold are requested. It declares the joints of its own agents, and its cameras; a
+    privileged-state policy declares the joints of all agents and the poses of all objects.
     """
 
     def __init__(self, policy: Policy, view: View, spec: ObservationSpec | None = None) -> None:
@@ -119,7 +119,7 @@ class DiffusionRunner(PolicyRunner):
         )
         super().__init__(view, np.tile(of_stream, len(view.streams)), declared)
         self._rows = np.array(view.agents) - 1  # of the own agents among all
-        self._agents = max(declared.agents)  # rows of what is measured; those of others are NaN
+        self._agents = max(declared.agents)  # rows of measured joints; NaN for agents that are not declared
         self._episode = self._begin(0)
 
     def reset(self, seed: int) -> None:
@@ -139,7 +139,7 @@ class DiffusionRunner(PolicyRunner):
         homing = np.full(len(self.view.agents), self._config.acting.homing)
         return _Episode(frames, transitions, generators, grippers, nothing, cameras, homing)
 
-    # what is observed
+    # observation
 
     @property
     def looks(self) -> bool:
@@ -148,13 +148,13 @@ class DiffusionRunner(PolicyRunner):
 
     @property
     def _observes(self) -> bool:
-        """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
+        """Whether this step is part of that observation. After a withheld command any step may have to be."""
         due = self.state.kept or len(self.state.targets) < self._config.observation_steps
         return due and not self._episode.homing.any()
 
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:
-        """Keep what belongs to the next prediction."""
+        """Keep what the next prediction needs of an observation."""
         episode, qpos = self._episode, np.full((self._agents, ARM_JOINTS + 2), np.nan)
         for agent, joints in observation.qpos.items():
             qpos[agent - 1] = joints
@@ -163,7 +163,7 @@ class DiffusionRunner(PolicyRunner):
             episode.homing |= missed
             for row in range(len(missed)):
                 self.state.targets.forget(row)
-            # The change by which the fingers have shut is counted until they open.
+            # Keyed by the change that closed the fingers, which is counted until they open.
             for row in self._rows[missed].tolist():
                 episode.misses[row + 1, int(episode.grippers.changes[row]) - 1] += 1
         if not self._observes:
@@ -182,7 +182,7 @@ class DiffusionRunner(PolicyRunner):
             episode.frames.append((features, proprio, known))
 
     def _subgoals(self, observation: Observation) -> NDArray[np.float32]:
-        """(N, subgoals + 1) by which the policy is conditioned: as coordinated, or until it predicts them."""
+        """Phases (N, subgoals + 1): from the coordinator, or placeholders until the policy predicts them."""
         numbers, may_go = np.zeros(self._agents, int), np.ones(self._agents, bool)
         if self.view.coordinated:
             if observation.subgoals is None:
@@ -193,7 +193,7 @@ class DiffusionRunner(PolicyRunner):
         return phases(numbers, may_go, self.spec.subgoals)
 
     def _look(self, observation: Observation) -> Tensor:
-        """Features (S, F) of the present pictures; remembers which keypoints were detected in them."""
+        """Features (S, F) of the present pictures; records the keypoints detected in them."""
         pictures, expected = [], (self._config.height, self._config.width, 3)
         for stream in self.view.streams:
             taken = [observation.pictures[camera] for camera in stream.cameras]
@@ -216,12 +216,12 @@ class DiffusionRunner(PolicyRunner):
         return features
 
     def _bases(self, observation: Observation) -> Sequence[Matrix]:
-        """(4, 4) of every arm: as is known, or else where it usually stands."""
+        """Base pose (4, 4) of every arm: calibrated, or else the usual one."""
         known = observation.calibration
         return self.spec.world_from_base if known is None else known.world_from_base
 
     def _rays(self, observation: Observation) -> Tensor | None:
-        """(S, K, 3, 4) of the cameras: as is known, or else as estimated."""
+        """Rays (S, K, 3, 4) of the cameras: calibrated, or else estimated."""
         if self._policy.encoder.usual_rays is None:
             return None
         if (known := observation.calibration) is not None:
@@ -231,7 +231,7 @@ class DiffusionRunner(PolicyRunner):
         return torch.from_numpy(np.array(rays, np.float32)).to(self._device)
 
     def _calibrate(self, observation: Observation, places: NDArray[np.float64]) -> None:
-        """Each camera by where it sees the own hands: places of the points of keypoints (S, M, 2)."""
+        """Estimate each camera from detections of the own grippers, in places (S, M, 2) of all points."""
         for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
             hands = footprint_from_tcps(self.spec, self.spec.world_from_base, stream, joints)
@@ -241,10 +241,10 @@ class DiffusionRunner(PolicyRunner):
                 camera.see(points, seen[first : first + len(points)])
 
     def _detections(self, places: NDArray[np.float64]) -> Iterator[KeypointDetection]:
-        """Keypoints detected at (S, M, 2), but for those of gripper changes that are past."""
+        """Keypoints detected at (S, M, 2), but for past gripper changes and the own current TCPs."""
         changes, last = self._episode.grippers.changes, self.spec.keyframes
         for stream, of_stream in zip(self.view.streams, places, strict=True):
-            meant = []  # of each keypoint: agent, whether it is the next, whether it is not past
+            meant = []  # per keypoint: agent, whether it is the next one, whether to yield it
             for agent in stream.agents:
                 following = min(changes[agent - 1], last)
                 meant += [(agent, key == following, key >= following) for key in range(last + 1)]
@@ -257,10 +257,10 @@ class DiffusionRunner(PolicyRunner):
                         place = float(count * x - row), float(y)
                         yield KeypointDetection(stream.cameras[row], agent, *place, bool(is_next))
 
-    # what is predicted
+    # prediction
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
-        """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
+        """Sample a chunk from the kept observations. Agents that wait or stand still keep their targets."""
         if self._episode.homing.any():
             return self._home()
         kept = zip(*self._episode.frames, strict=True)
@@ -289,12 +289,12 @@ class DiffusionRunner(PolicyRunner):
             chunk = self._joint_actions(actions).copy()
         chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
-        # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
-        # a gripper: in the pictures alone nothing tells how long it has been where it opens.
+        # An agent that goes on executes its whole chunk. Cut short whenever another predicts again, it would
+        # never open a gripper: pictures alone do not tell how long it has been where it opens.
         return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
 
     def _beyond(self, observation: Observation, known: Tensor) -> Tensor | float:
-        """(S, n, 3) m from where own goals are seen to where fingers are to shut, after misses."""
+        """Displacement (S, n, 3) of the own goals along camera rays after failed grasps, in m."""
         step_m, episode = self._config.acting.regrasp_step_m, self._episode
         if not step_m or not episode.misses or (rays := self._rays(observation)) is None:
             return 0.0
@@ -306,24 +306,24 @@ class DiffusionRunner(PolicyRunner):
         steps = [[step_m * step(agent) for agent in stream.agents] for stream in self.view.streams]
         own = range(len(steps[0]))
         tcps = torch.stack([of_agent(known[:, -1], agent)[0][..., :3] for agent in own], dim=1)
-        # From the K cameras to a hand, and so to its goal once it is there: (S, K, n, 3).
+        # Directions (S, K, n, 3) from the K cameras to a TCP, and so to its goal once it is there.
         along = tcps[:, None] - rays[..., 3][:, :, None]
         along = (along / along.norm(dim=3, keepdim=True)).mean(dim=1)
         return torch.tensor(steps, device=rays.device)[..., None] * along
 
     def _missed(self) -> NDArray[np.bool_]:
-        """(agents of the view,) whose fingers have shut on nothing, where no demonstration means them to.
+        """(agents of the view,) whether fingers have closed on nothing, unlike in the demonstrations.
 
-        From where they are the hand hides what they have missed, and what was seen wrong is seen so again.
+        Seen from there, the gripper hides the missed object, and a wrong detection would repeat.
         """
         grippers, shuts = self._episode.grippers, self.spec.shuts
         meant = [bool(shuts) and min(grippers.changes[row], CHANGES) in shuts[row] for row in self._rows]
         return (~grippers.opened & (self._episode.widths < EMPTY_M))[self._rows] & ~np.array(meant)
 
     def _home(self) -> NDArray[np.float64]:
-        """Targets (T, agents of the view, 8) for as long as the way takes: at rest with open fingers.
+        """Targets (T, agents of the view, 8) at rest with open grippers, for as long as the motion takes.
 
-        Who has no need to go waits as it is.
+        Agents that need not go there stand still.
         """
         homing, self._episode.homing = self._episode.homing, np.zeros_like(self._episode.homing)
         opened = homing | self._episode.grippers.opened[self._rows]
@@ -331,14 +331,14 @@ class DiffusionRunner(PolicyRunner):
         rests = np.stack([self.spec.rest_rad(agent) for agent in self.view.agents])
         targets[homing, :ARM_JOINTS] = rests[homing]
         far_rad = np.abs(targets[:, :ARM_JOINTS] - self.state.targets.last).max(axis=1)
-        moves = self._fastest_rad > 0  # no demonstration moved the others
+        moves = self._fastest_rad > 0  # the others never move in demonstrations
         steps = np.ceil(np.max(far_rad[moves] / self._fastest_rad[moves], initial=0)) + SETTLE_STEPS
         return np.tile(targets, (int(steps), 1, 1))
 
     def _phase(
         self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
     ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """Context (S, O, C) with the phase that is predicted, if any, and (agents of the view,) who waits."""
+        """Context (S, O, C) with predicted phases, if any, and (agents of the view,) whether each waits."""
         agents = self.view.agents
         waits = np.zeros(len(agents), dtype=bool)
         probabilities = self._policy.chances(features, proprio, known)
@@ -359,22 +359,22 @@ class DiffusionRunner(PolicyRunner):
     def _within_deadband(
         self, actions: NDArray[np.float64], joints: NDArray[np.float64], opened: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """(agents of the view,) whose predicted actions (S, T, A) all stay near their joints and gripper.
+        """(agents of the view,) whether predicted actions (S, T, A) all stay near joints and gripper state.
 
-        A prediction is some millimetres off. From where an arm stands still that would be a slow drift to
-        where no demonstration has been.
+        Predictions are some millimetres off. For an arm that stands still they would be a slow drift to
+        states that no demonstration has visited.
         """
         commands = self._joint_actions(actions)
         near = np.abs(commands[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.acting.deadband_rad
         return near & ((commands[..., ARM_JOINTS] > 0) == opened).all(axis=0)
 
     def _joint_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joints and grippers (T, agents of the view, 8) of predicted actions (S, T, A)."""
+        """Joint and gripper commands (T, agents of the view, 8) of predicted actions (S, T, A)."""
         joints = actions[..., : self.view.action_size].transpose(1, 0, 2)
         return joints.reshape(len(joints), -1, ACTION_SIZE)
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
-        """Commands (agents of the view, 8), as `PolicyRunner` gives them; remembers those of the grippers."""
+        """Commands (agents of the view, 8), as in `PolicyRunner`; records those of the grippers."""
         commands = super().act(decision)
         grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
         self._episode.grippers.told(grippers, self._episode.widths)

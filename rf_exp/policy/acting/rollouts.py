@@ -1,11 +1,11 @@
 """Rollout loop: policies act in a world at the control rate, each by its runner, judged at every step.
 
-A policy is handed an observation of what it declares (`rf_exp.observations`); judge, monitor and shield,
-which are no policies, see the scene. Observations have the history of training: consecutive control steps.
-A predicted chunk is executed one target a control step; a target further away than the demonstrations ever
-moved in a step is approached by linear interpolation in joint space (paper, supplementary "Evaluation
-details"), so that a jump between two chunks becomes a motion at the demonstrations' speed. A shield may
-stand between the policies and the arms (`rf_exp.policy.acting.shield`).
+A policy gets an observation of what it declares (`rf_exp.observations`); judge, monitor and shield, which are
+not policies, get the scene. Observations are of consecutive control steps, as in training. A predicted chunk
+is executed one target a control step; a target further away than the demonstrations ever moved in a step is
+approached by linear interpolation in joint space (paper, supplementary "Evaluation details"), so that a jump
+between two chunks becomes a motion at the demonstrations' speed. A shield may filter the commands of the
+policies (`rf_exp.policy.acting.shield`).
 """
 
 from collections import deque
@@ -36,7 +36,7 @@ from rf_exp.types import (
     joints_of,
 )
 
-# The scene and agent -> (T, 8) the commands that are about to be given -> those that are.
+# Scene, and agent -> (T, 8) commands that are about to be given -> decision on this control step.
 Shielding = Callable[[Scene, Mapping[int, NDArray[np.float64]]], Decision]
 
 
@@ -44,30 +44,30 @@ class Targets:
     """A queue of predicted targets for each agent of a runner, in the order of its view.
 
     A target further away than the demonstrations ever moved in a control step is approached by linear
-    interpolation in joint space. An agent that was kept from its target has it still before it, so agents
-    may have different numbers of them.
+    interpolation in joint space. A withheld target stays in its queue, so the lengths of queues may
+    differ.
     """
 
     def __init__(self, fastest_rad: NDArray[np.float64]) -> None:
-        self._fastest_rad = fastest_rad  # (agents,) a control step
+        self._fastest_rad = fastest_rad  # (agents,) per control step
         self._queues = [deque[NDArray[np.float64]]() for _ in fastest_rad]  # of (8,)
-        self.last = np.empty((0, ARM_JOINTS))  # (agents, 7) arm targets given last, or where motion begins
+        self.last = np.empty((0, ARM_JOINTS))  # (agents, 7) last arm targets; at first, measured joints
 
     def __len__(self) -> int:
-        """The targets left for the agent that has the fewest."""
+        """Length of the shortest queue."""
         return min(map(len, self._queues))
 
     def start(self, qpos: NDArray[np.float64]) -> None:
-        """Measured joints (agents, 9), where motion begins; nothing once it has begun."""
+        """Start motion at measured joints (agents, 9), unless it has started."""
         if not len(self.last):
             self.last = qpos[:, :ARM_JOINTS]
 
     def put(self, chunk: NDArray[np.float64]) -> None:
-        """Targets (T, agents, 8) from now on, instead of what was left."""
+        """Replace the queues by targets (T, agents, 8), from now on."""
         self._queues = [deque(chunk[:, row]) for row in range(chunk.shape[1])]
 
     def forget(self, row: int) -> None:
-        """Drop what is left for one agent, so that a prediction is due."""
+        """Clear the queue of one agent, so that a prediction is due."""
         self._queues[row].clear()
 
     def ahead(self, steps: int | None = None) -> list[NDArray[np.float64]]:
@@ -84,7 +84,7 @@ class Targets:
         return found
 
     def given(self, commands: NDArray[np.float64], kept: Collection[int] = ()) -> None:
-        """What was commanded, (agents, 8); the rows in `kept` were kept from their targets."""
+        """Record executed commands (agents, 8); for the rows in `kept`, targets were withheld."""
         self.last = commands[:, :ARM_JOINTS].copy()
         for row, queue in enumerate(self._queues):
             if row not in kept:
@@ -93,21 +93,21 @@ class Targets:
 
 @dataclass
 class RunnerState:
-    """What a runner remembers of an episode, and what it says to others about it."""
+    """State of a runner in an episode, including what it reports to recordings."""
 
     targets: Targets
-    kept: bool = False  # whether an agent was kept from its target in the last step
+    kept: bool = False  # whether the target of an agent was withheld in the last step
     # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
     predicted: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
-    detections: tuple[KeypointDetection, ...] = ()  # in the last pictures
-    # agent -> number of its subgoal and whether it may go on, as it said in the last prediction
+    detections: tuple[KeypointDetection, ...] = ()  # in the last observed pictures
+    # agent -> number of its subgoal and whether it may go on, at the last prediction
     phases: Mapping[int, tuple[int, bool]] = field(default_factory=dict)
 
 
 class PolicyRunner:
-    """Some agents that are given their targets in chunks, and what is common to all who predict them.
+    """Base of runners: a policy that commands some agents by chunks of targets.
 
-    At every control step it is handed an observation of what it `declares`, and nothing else of the scene.
+    At every control step it gets an observation of what it `declares`, and nothing else of the scene.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class PolicyRunner:
     ) -> None:
         """`fastest_rad` (agents of the view,): the largest change of a joint in a control step.
 
-        It observes what is `declared`, or the joints of its agents, which it needs in any case.
+        `declared` is what it observes: by default the joints of its agents, which it needs in any case.
         """
         self.view, self._fastest_rad = view, fastest_rad
         self._declared = declared or Declaration(view.agents)
@@ -132,11 +132,11 @@ class PolicyRunner:
 
     @property
     def declares(self) -> Declaration:
-        """What it is to be handed at this control step: without cameras, unless it looks."""
+        """What it observes at this control step: without cameras, unless it `looks`."""
         return self._declared if self.looks else replace(self._declared, cameras=())
 
     def observe(self, observation: Observation) -> None:
-        """Take in the present moment, at every control step and before a prediction."""
+        """Process an observation; called at every control step, before a prediction."""
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
         """Targets (T, agents of the view, 8) from this control step on."""
@@ -148,7 +148,7 @@ class PolicyRunner:
         return self.act()
 
     def think(self, observation: Observation) -> None:
-        """Observe, and predict where an agent has nothing left to do: then for all agents of the view."""
+        """Observe, and predict for all agents of the view if any of them has no target left."""
         self.state.predicted = {}
         self.state.targets.start(np.stack([observation.qpos[agent] for agent in self.view.agents]))
         self.observe(observation)
@@ -158,11 +158,11 @@ class PolicyRunner:
             self.state.predicted = {agent: chunk[:, row] for row, agent in enumerate(self.view.agents)}
 
     def ahead(self) -> dict[int, NDArray[np.float64]]:
-        """Agent -> (T, 8) commands from this control step on, if nobody keeps it from them."""
+        """Agent -> (T, 8) commands from this control step on, unless they are withheld."""
         return dict(zip(self.view.agents, self.state.targets.ahead(), strict=True))
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
-        """Commands (agents of the view, 8) for this control step: its own, or what was decided."""
+        """Commands (agents of the view, 8) for this control step: its own, or those of a decision."""
         agents = self.view.agents
         if decision is None:
             commands: NDArray[np.float64] = np.concatenate(self.state.targets.ahead(1))
@@ -192,14 +192,14 @@ def rollout(
 ) -> Rollout:
     """Let the runners act in the scene of `seed` until strict success or for `step_limit` control steps.
 
-    Strict success asks that no two arms have touched until then. It is over as well when two arms press so
-    hard on one another that they stop by themselves.
-    `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
-    `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
-    `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout
-    alone, sees before every step the scene and agent -> (T, 8) the commands that the runners are about to
-    give, and decides which are given. `coordinate`, of this rollout alone, tells coordinated policies who is
-    at which subgoal and who waits. Raises ArgumentError unless the runners command each agent exactly once.
+    Strict success requires that no two arms have touched until then. The rollout also ends at a protective
+    stop, when two arms press too hard on one another.
+    `judge` and `monitor` get the scene after every step, `on_step` all that happened in it. `success_paper`
+    is whether the paper's criterion held at any step. `start` is the scene of `world.reset(seed)` if the
+    caller has just reset the world (a judge needs it). `shield`, made for this rollout, gets before every
+    step the scene and agent -> (T, 8) the commands that the runners are about to give, and decides which are
+    executed. `coordinate`, made for this rollout, gives coordinated policies the subgoal of each agent and
+    whether it may go on. Raises ArgumentError unless the runners command each agent exactly once.
     """
     if step_limit < 1:
         raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
@@ -258,7 +258,7 @@ def rollout(
 
 
 def _declared(world: World, runner: PolicyRunner) -> Declaration:
-    """What a runner needs now. Raises StageError for a camera that the world does not have."""
+    """The declaration of a runner for this step. Raises StageError for a camera that the world lacks."""
     declared = runner.declares
     for camera in declared.cameras:
         if camera not in world.cameras:

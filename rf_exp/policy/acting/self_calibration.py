@@ -1,9 +1,9 @@
-"""Self-calibration: where a camera stands, told by where it sees an own hand that joints say is there.
+"""Self-calibration: camera poses from detections of the own gripper, whose pose follows from the joints.
 
-Each look that nobody has calibrated gives the place of an own hand in the picture, and kinematics its point.
-All of an episode together are fitted by the camera's direction, place and field of view, about where it
-usually stands: the most probable ones, where a camera has moved by so much (`PRIOR_STD`) and a hand is
-seen to so many pixels. The hand is a calibration target that goes where the work is.
+Each observation without calibration gives the place of an own gripper in the picture, and kinematics its
+point. A camera's direction, position and field of view are fitted to all of an episode: the most probable
+ones, for displacements from its usual pose of `PRIOR_STD` and detection errors of `PIXEL_STD`. The gripper is
+a calibration target that goes where the work is.
 """
 
 from collections.abc import Sequence
@@ -15,31 +15,31 @@ from scipy.optimize import least_squares
 
 from rf_exp.transforms import rotated
 
-# Standard deviations: of the direction (rad, each axis), the place (m, each axis), the logarithm of the lens.
+# Standard deviations: direction (rad, each axis), position (m, each axis), log scale of the field of view.
 PRIOR_STD = np.array([0.05] * 3 + [0.03] * 3 + [0.03])
-MOST_EVALUATIONS = 4  # evaluations of a fit, which begins where the last one ended
-PIXEL_STD = 1.0  # of a hand in a picture
-APART_M = 0.02  # between the places of a hand: looks at one that stands still err alike, and count once
+MOST_EVALUATIONS = 4  # evaluations of a fit, which starts from the last one
+PIXEL_STD = 1.0  # of a gripper detection
+APART_M = 0.02  # least motion of a gripper: detections of one that stands still err alike, and count once
 
 
 @dataclass
 class CameraEstimate:
-    """One camera of several whose pictures lie side by side, see `rf_exp.policy.inputs.pictures`."""
+    """Estimate of one of several cameras with pictures side by side, see `rf_exp.policy.inputs.pictures`."""
 
-    usual: NDArray[np.float64]  # (3, 4) its rays where it usually stands
+    usual: NDArray[np.float64]  # (3, 4) its rays as usually mounted
     centre: NDArray[np.float64]  # (2,) of its part of the picture
     size_px: NDArray[np.float64]  # (2,) of the whole picture
     _points: list[NDArray[np.float64]] = field(default_factory=list)  # each (n, 3) m
     _places: list[NDArray[np.float64]] = field(default_factory=list)  # each (n, 2) from 0 to 1
-    _moved: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(PRIOR_STD)))  # in deviations
+    _moved: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(PRIOR_STD)))  # in PRIOR_STD
 
     @property
     def rays(self) -> NDArray[np.float64]:
-        """(3, 4) by what has been seen so far."""
+        """Rays (3, 4) by the detections so far."""
         return self._rays(self._moved)
 
     def see(self, points: NDArray[np.float64], places: NDArray[np.float64]) -> None:
-        """Hands at points (n, 3) are seen at places (n, 2). Says nothing new where they were seen last."""
+        """Add grippers at points (n, 3), detected at places (n, 2), unless they are where they were last."""
         if self._points and np.abs(points - self._points[-1]).max() < APART_M:
             return
         self._points.append(points)
@@ -52,7 +52,7 @@ class CameraEstimate:
             misses = (seen[:, :2] / seen[:, 2:] - places) * self.size_px / PIXEL_STD
             return np.concatenate([misses.ravel(), moved])
 
-        # A hand that is mistaken for something else is far off, and counts for little.
+        # Robust loss: a wrong detection is far off, and counts for little.
         fit = least_squares(off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST_EVALUATIONS)
         self._moved = fit.x
 
@@ -67,7 +67,7 @@ class CameraEstimate:
 
 
 def estimates(usual: NDArray[np.float64], size_px: Sequence[int]) -> tuple[CameraEstimate, ...]:
-    """Of the K cameras of a stream, by their rays (K, 3, 4), whose pictures have this width and height."""
+    """Estimates of the K cameras of a stream, by usual rays (K, 3, 4) and width and height of pictures."""
     count = len(usual)
     whole = np.array([count * size_px[0], size_px[1]])
     return tuple(

@@ -1,8 +1,8 @@
-"""Keypoint labels: where an arm will be when its gripper changes next, as demonstrations tell it.
+"""Keypoint labels: the TCP at the gripper changes of a demonstration, projected into the pictures.
 
-The keypoints of a stream are, for each of its agents, the TCP at the changes of its own gripper, in their
-order, and at the end of the episode; then the TCPs of these and of all other agents now. No pose of an
-object is used: all follows from stored joints and commands, and a camera whose place is known.
+The keypoints of a stream are, for each of its agents, the TCP at each change of its gripper, in their order,
+and at the end of the episode; then the current TCPs of these and of all other agents. No object pose is used:
+all follows from stored joints and commands, and the camera calibration.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -27,15 +27,15 @@ from rf_exp.types import ARM_JOINTS, CameraModel
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
-# Points of a hand, m in the frame of its TCP: the TCP, and across the fingers' axis where tools work.
+# Points of a gripper, m in the TCP frame: the TCP, and one across the fingers' axis, where tools work.
 HAND = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 HEADING = 6  # cosine and sine of one, two and four times the heading of the fingers (a cube has four sides)
 
 
 class Keypoints(NamedTuple):
-    """M keypoints in each of T frames of a stream, each as P points of HAND. NaN where one is past.
+    """M keypoints of P points of HAND each, in T frames of a stream; NaN where one is past.
 
-    Of several cameras, side by side, all keypoints in the first, then in the second, ...
+    With several cameras side by side: all keypoints in the first, then in the second, ...
     """
 
     pixels: NDArray[np.float32]  # (T, M * P, 2) x to the right and y down, from 0 to 1 over the picture
@@ -78,7 +78,7 @@ def keypoints(
 
 
 def shape_of_hand(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of poses (..., 4, 4): the TCP, in m, the other points of HAND as seen from it, and the heading."""
+    """Gripper poses (..., 4, 4) -> the TCP and the other points of HAND relative to it, in m, and heading."""
     points = placed(footprint_from_tcp, HAND)
     points[..., 1:, :] -= points[..., :1, :]
     flat = points.reshape(*points.shape[:-2], -1)
@@ -86,7 +86,7 @@ def shape_of_hand(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _turns(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses (..., 4, 4) -> (..., HEADING)."""
+    """Headings of gripper poses: (..., 4, 4) -> (..., HEADING)."""
     fingers = footprint_from_tcp[..., :2, 1]  # the axis along which they move
     heading = np.arctan2(fingers[..., 1], fingers[..., 0])
     turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
@@ -94,7 +94,7 @@ def _turns(footprint_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.float32]:
-    """Places in one of several pictures of the same size (..., 2) -> in all of them, side by side."""
+    """Places (..., 2) in picture `row` of `count` of equal size -> in all of them, side by side."""
     if count > 1:
         within = inside_picture(pixels)[..., None]
         pixels = np.where(within, (pixels + np.array([row, 0])) / np.array([count, 1]), np.nan)
@@ -102,7 +102,7 @@ def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.flo
 
 
 def _own(tcp: NDArray[np.float64], changed: NDArray[np.int64], keyframes: int) -> list[NDArray[np.float64]]:
-    """The keypoints (T, 4, 4) of an agent of one episode: at each change, until then, and at the end."""
+    """Keypoints (T, 4, 4) of an agent in one episode: at each change, NaN after it, and at the end."""
     steps = np.arange(len(tcp))
     columns = []
     for key in range(keyframes):

@@ -1,9 +1,9 @@
-"""Other starts of demonstrations: arms that stood otherwise and join the demonstrated motion on its way.
+"""Start offsets: demonstrations augmented with other start postures that join the demonstrated motion.
 
-There are as many starts as demonstrations, and an arm has seven joints. What a demonstration shows of the way
-to the first grasp says how to get there from postures about it as well: the joints of that way are moved by
-an offset, of which less is left the farther the arm has gone, and nothing where the approach to the grasp
-begins. In a straight line from another start the expert would have gone so.
+There are only as many start postures as demonstrations, and an arm has seven joints. The motion to the first
+grasp also shows how to get there from postures near it: its joints are shifted by an offset that decreases
+with the distance travelled, and vanishes where the approach to the grasp begins. The expert would have
+moved like this, in a straight line from the shifted start.
 """
 
 from typing import TYPE_CHECKING
@@ -22,13 +22,13 @@ from rf_exp.types import ARM_JOINTS
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
-APPROACH_M = 0.1  # of the TCP from the first grasp; nearer to it the motion is as it was demonstrated
+APPROACH_M = 0.1  # distance of the TCP from the first grasp within which motion is as demonstrated
 
 Floats = NDArray[np.float64]
 
 
 class Starts:
-    """How much of an offset is left to the n agents of each stream of a view, at each of its S * T steps."""
+    """Fraction of a start offset left, for the n agents of each stream of a view, at each of S * T steps."""
 
     def __init__(
         self, store: "Store", view: View, spec: ObservationSpec, kept: NDArray[np.bool_] | slice
@@ -56,9 +56,9 @@ class Starts:
     def moved(
         self, joints: Floats, steps: NDArray[np.int64], offset: Floats, row: int
     ) -> tuple[Floats, Floats]:
-        """Joints (B, K, 7) of the own agent `row` at steps (B, K), by its offset (B, 7) from its start on.
+        """Joints (B, K, 7) of the own agent `row` at steps (B, K), shifted by its start offset (B, 7).
 
-        Those joints, and where they put its TCP: footprint_from_tcp (B, K, 4, 4).
+        Returns these joints, and the poses of its TCP for them: footprint_from_tcp (B, K, 4, 4).
         """
         found = joints + self.left[steps, row, None] * offset[:, None]
         poses, streams = np.empty((*steps.shape, 4, 4)), steps[:, 0] // self._steps
@@ -70,9 +70,9 @@ class Starts:
 
 
 def _left(robot: Robot, action: NDArray[np.floating], apart_m: NDArray[np.floating]) -> Floats:
-    """(T,) from 1 to 0 of the commands (T, 8) of an arm, whose fingers were so far apart (T,).
+    """Fraction (T,) left, from 1 to 0, by the commands (T, 8) and finger widths (T,) of an arm.
 
-    As long as the arm stands it stays as it is.
+    It is constant while the arm stands still.
     """
     joints = action[:, :ARM_JOINTS]
     changed = changes(action[:, ARM_JOINTS], apart_m)

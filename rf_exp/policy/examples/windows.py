@@ -1,12 +1,11 @@
-"""Windows of a store as training batches, with every picture in memory once and encoded once a batch.
+"""Windows of a store as training batches; every picture is in memory once and encoded once per batch.
 
-All is kept as arrays over all streams of a view: S streams over T frames are S * T rows, one stream after the
-other.
+Arrays cover all streams of a view: S streams over T frames are S * T rows, one stream after the other.
 
 A window at time t holds `observation_steps` frames t - O + 1 .. t and `horizon` actions from the oldest
 of these frames on (Chi et al. 2023). Frames before an episode's start repeat its first, actions beyond
-either end repeat the nearest. Batches are made of runs of consecutive windows, so that most frames of a
-batch serve several windows; each window comes exactly once in an epoch all the same.
+either end repeat the nearest. Batches consist of runs of consecutive windows, so that most frames of a
+batch serve several windows; still each window comes exactly once in an epoch.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -54,15 +53,15 @@ from rf_exp.types import ARM_JOINTS, gripper_of
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
-LOOK_AT = 256  # pictures at a time
+LOOK_AT = 256  # pictures encoded at a time
 Indices = NDArray[np.int64]
 
 
 def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
-    """Where relative actions count from: raw proprioception (..., O, 8N) -> (..., 1, 8N).
+    """Origin of relative actions: raw proprioception (..., O, 8N) -> (..., 1, 8N).
 
-    The newest measured joint positions, and zero for the grippers, whose commands are no positions. With
-    the context the poses of the own TCPs come behind them: (..., 1, 8N + 9N).
+    The newest measured joint positions, and zero for the grippers, whose commands are no positions. With a
+    context, the poses of the own TCPs follow behind them: (..., 1, 8N + 9N).
     """
     newest = proprio[..., -1:, :].unflatten(-1, (-1, PROPRIO_SIZE))
     joints = functional.pad(newest[..., :ARM_JOINTS], (0, ACTION_SIZE - ARM_JOINTS)).flatten(-2)
@@ -73,9 +72,9 @@ def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
 
 
 def shown(store: "Store") -> NDArray[np.bool_]:
-    """(T,) the steps that show what to do: those of the expert, where somebody else led to where it began."""
+    """(T,) the steps to learn from: those of the expert, without those of a policy that acted before it."""
     said = np.asarray((store.subgoal >= 0).all(axis=1))
-    return said if said.any() else ~said  # an older store does not say
+    return said if said.any() else ~said  # older stores have no subgoals
 
 
 def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
@@ -87,9 +86,9 @@ def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
 def _told_and_sent(
     store: "Store", view: View, row: int, config: PolicyConfig, spec: ObservationSpec, memory: NDArray
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    """Of each episode the context (T, C) and the actions (T, A) of a stream, as its arms stand there."""
+    """Context (T, C) and actions (T, A) of a stream in each episode, for the base poses of that episode."""
     stream, bases = view.streams[row], [spec.world_from_base] * len(store)
-    if config.encoder.keypoints:  # which is told where they do
+    if config.encoder.keypoints:  # which uses the calibration of each episode
         bases = [each.world_from_base for each in calibrations(store, stream.cameras)]
     poses = (from_quaternion(store.poses[name][:]) for name in spec.objects)
     arrays = map(store.by_episode, (measured(store), meant(store), memory, *poses))
@@ -103,11 +102,11 @@ def _told_and_sent(
 
 
 class _Meant:
-    """The steps of an agent in which it does not hesitate."""
+    """The steps in which an agent does not hesitate, see `hesitates`."""
 
     def __init__(self, hesitates: NDArray[np.bool_]) -> None:
         self._steps = np.flatnonzero(~hesitates)
-        self._next = np.searchsorted(self._steps, np.arange(len(hesitates)))  # for each step, that or a later
+        self._next = np.searchsorted(self._steps, np.arange(len(hesitates)))  # that step or the next
 
     def rows(self, ahead: Indices, first: Indices, last: Indices) -> Indices:
         """(B, T) consecutive steps from `ahead[:, 0]` on, in episodes from `first` (B, 1) to `last`."""
@@ -117,14 +116,14 @@ class _Meant:
 
 
 def largest_change(action: Tensor, within: Tensor) -> Tensor:
-    """(A,) largest change between neighbours of action (K, A), of those `within` (K - 1,) an episode."""
+    """(A,) largest change between consecutive actions (K, A), of pairs `within` (K - 1,) an episode."""
     change = action.diff(dim=0).abs()[within]
     return change.amax(dim=0) if len(change) else torch.zeros_like(action[0])
 
 
 @dataclass(frozen=True)
 class Labels:
-    """What is to be seen in B pictures. NaN is not, or is past."""
+    """Labels of B pictures; NaN where a keypoint is not in view, or is past."""
 
     pixels: Tensor  # (B, M * P, 2) of keypoints, from 0 to 1
     points: Tensor  # (B, M * P, 3) m
@@ -142,8 +141,8 @@ class Batch:
     proprio: Tensor  # (B, O, P) raw
     context: Tensor  # (B, O, C) raw
     action: Tensor  # (B, T, A) raw
-    features: Tensor | None = None  # (B, O, F) of the pictures, where they have been encoded already
-    # (B, O, n, 3 * P + HEADING) by which points (m) and headings of the own hands differ from what is seen.
+    features: Tensor | None = None  # (B, O, F) of the pictures, if they are encoded already
+    # (B, O, n, 3 * P + HEADING) offsets of points (m) and headings of the own grippers from the pictures.
     hands: Tensor | None = None
 
     def __len__(self) -> int:
@@ -169,13 +168,13 @@ class Windows:
         self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
         self._last = np.repeat(self._spans[:, 1] - 1, repeats)
         spec = self.spec = spec_of(config, store, view)
-        # Who is not told of subgoals may learn from a store that does not say.
+        # A policy without subgoals may learn from a store without them.
         numbers = numbered(store)[0] if spec.subgoals else store.subgoal[:].astype(np.int64)
         free = np.concatenate([may_go(*each) for each in by_episode(store)])
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
 
         def stacked(arrays: Sequence[NDArray]) -> Tensor:
-            """Of all streams; what is alone is not copied, which matters for pictures."""
+            """Concatenate over streams; a single array is not copied, which matters for pictures."""
             return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(device)
 
         qpos, action = measured(store)[kept], meant(store)[kept]
@@ -200,8 +199,8 @@ class Windows:
             cameras = [stream.cameras for stream in view.streams]
             taken = ([pictures_of(store, each, config)[kept] for each in names] for names in cameras)
             self._pictures = stacked([side_by_side(each) for each in taken])
-        # Of keypoints, see `Keypoints`; (S * T, N) the subgoals of the other agents; (S, K, 3, 4) the rays of
-        # the cameras where they usually stand.
+        # As in `Keypoints`; (S * T, N) the subgoals of the other agents; (S, K, 3, 4) rays of the cameras
+        # as usually mounted.
         nothing = torch.empty(len(view.streams) * len(action), 0, device=device)
         self.pixels = self.points = self.headings = self.rays = self.doing = self.usual_rays = nothing
         if config.encoder.keypoints:
@@ -216,9 +215,9 @@ class Windows:
         self.active = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
         late = np.concatenate([hesitates(*each[1:]) for each in by_episode(store)])[kept]
         stays = (np.concatenate([late[:, row] for row in rows]) for rows in zip(*columns, strict=True))
-        self._meant = [*map(_Meant, stays)]  # of each agent of a stream
+        self._meant = [*map(_Meant, stays)]  # for each agent of a stream
         self._starts = Starts(store, view, spec, kept) if config.start_offset_rad else None
-        self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
+        self._features: Tensor | None = None  # (S * T, F) of all frames, once the encoder is frozen
 
     def __len__(self) -> int:
         return len(self._first)
@@ -238,19 +237,19 @@ class Windows:
         return (actions - origin).flatten(0, 1)
 
     def _actions(self, windows: Indices) -> Tensor:
-        """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
+        """Actions (B, T, A) of windows (B,), for each agent without its hesitations."""
         found = [self.action[self._index(steps)] for steps in self._ahead(windows)]
         if len(found) == 1:
             return found[0]
         commands = len(found) * ACTION_SIZE
-        parts = [each.tensor_split([commands], dim=2) for each in found]  # poses of hands behind them
+        parts = [each.tensor_split([commands], dim=2) for each in found]  # TCP poses behind them
         joined = []
         for part in zip(*parts, strict=True):
             joined += [each.chunk(len(found), dim=2)[row] for row, each in enumerate(part)]
         return torch.cat(joined, dim=2)
 
     def _ahead(self, windows: Indices) -> list[Indices]:
-        """Of each own agent the steps (B, T) whose actions windows (B,) have."""
+        """For each own agent, the steps (B, T) of the actions of windows (B,)."""
         first, last = self._first[windows, None], self._last[windows, None]
         ahead = windows[:, None] + np.arange(self._config.horizon) - (self._config.observation_steps - 1)
         return [each.rows(ahead, first, last) for each in self._meant]
@@ -269,9 +268,9 @@ class Windows:
         return np.array_split(order, self.batches(batch_size))
 
     def batch(self, windows: Indices, rng: np.random.Generator | None) -> Batch:
-        """The batch of window indices (B,). With `rng` every run has its own random crop, else the centre's.
+        """The batch of window indices (B,). With `rng` every run has a random crop, else the centre crop.
 
-        Frames of one run share a crop, so that what moves between them has moved in the world.
+        Frames of one run share a crop, so that what moves between them has moved in the scene.
         """
         config = self._config
         first = self._first[windows]
@@ -302,7 +301,7 @@ class Windows:
     def _started(
         self, starts: Starts, batch: Batch, frames: Indices, windows: Indices, rng: np.random.Generator
     ) -> Batch:
-        """The batch as if its arms had started elsewhere: one draw for a window and an own agent."""
+        """The batch with start offsets, one draw for each window and own agent."""
         agents = len(self._meant)
         proprio, context, action = batch.proprio.clone(), batch.context.clone(), batch.action.clone()
         hands = []
@@ -327,10 +326,10 @@ class Windows:
     def sample_active(
         self, windows: Indices, part: float, rng: np.random.Generator
     ) -> tuple[Indices, Tensor]:
-        """Windows (B,), that part of them replaced by some in which an own agent may go on.
+        """Windows (B,), a `part` of them replaced by ones in which an own agent may go on, and weights (B,).
 
-        And how much each of them counts (B,), where what is learned is how often something is so.
-        In a long task an agent waits most of the time, for what is not there yet.
+        In a long task an agent waits most of the time. The weights undo the sampling in losses that estimate
+        probabilities.
         """
         if not part or not len(self.active):
             return windows, torch.ones(len(windows), device=self._device)
@@ -344,7 +343,7 @@ class Windows:
     def labelled(
         self, windows: Indices, shift_px: int = 0, rng: np.random.Generator | None = None
     ) -> tuple[Tensor, Tensor, Labels]:
-        """The newest pictures (B, H, W, 3) of windows, the rays of their cameras, and what is to be seen.
+        """The newest pictures (B, H, W, 3) of windows, the rays of their cameras, and their labels.
 
         With `rng` each picture is shifted by up to `shift_px` pixels either way, and its keypoints with it.
         """
@@ -362,7 +361,7 @@ class Windows:
         return pictures, rays, Labels(pixels, self.points[chosen], self.headings[chosen], self.doing[chosen])
 
     def look_once(self, look: Callable[[Tensor, Tensor], tuple[Tensor, Any]]) -> Tensor:
-        """Encode every picture and its rays, for good. Returns the features (S * T, F)."""
+        """Encode all pictures, and use these features (S * T, F), which are returned, from now on."""
         with torch.no_grad():
             parts = zip(self._pictures.split(LOOK_AT), self.rays.split(LOOK_AT), strict=True)
             self._features = torch.cat([look(*each)[0] for each in parts])

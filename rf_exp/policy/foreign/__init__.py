@@ -1,1 +1,1 @@
-"""Policies of others: what they observe and give, made by a factory or asked of a server: docs/foreign.md."""
+"""Foreign policies (not trained by this suite), from a factory or on a server: docs/foreign.md."""

@@ -1,13 +1,13 @@
-"""A diffusion policy of the authors' release, made anew from the tensors of its checkpoint.
+"""Diffusion policies of the authors' release, rebuilt from the tensors of their checkpoints.
 
     state_dicts.ema_model, or .model where no average was kept:
         obs_encoder.key_model_map.<camera>.*    ResNet-18 with GroupNorm, one for each camera
         model.*                                 the conditional U-Net (Chi et al. 2023)
         normalizer.params_dict.<key>.*          x * scale + offset, of cameras, `agent_pos` and `action`
-    cfg                                         what no shape tells: moments, steps, scheduler, crop
+    cfg                                         beyond shapes: observation and chunk steps, scheduler, crop
 
-Encoder and U-Net are those of the recipe `paper`, whose tensors have other names; the projections by which
-blocks are modulated are one matrix here and one for each block there.
+Encoder and U-Net are those of the recipe `paper`, with other names of tensors; the FiLM projections are one
+matrix here and one for each block there.
 """
 
 import re
@@ -30,14 +30,14 @@ from rf_exp.policy.networks.heads import GROUPS, SCHEDULERS, DiffusionHead, Film
 from rf_exp.texts import printable
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-TOLD, ACTION = "agent_pos", "action"  # what an arm was told last, and what it is told next
-BRIGHTEST = (1.0, 255.0)  # of what a camera's normaliser was made for
-CHANNELS, MOST, MOST_LEVELS = 3, 4096, 8  # of a picture; a number in its configuration; of a U-Net
-# Arguments that both samplers have.
+TOLD, ACTION = "agent_pos", "action"  # last and next commands of an arm
+BRIGHTEST = (1.0, 255.0)  # largest pixel value that a camera's normaliser may expect
+CHANNELS, MOST, MOST_LEVELS = 3, 4096, 8  # of a picture; largest number in cfg; of a U-Net
+# Arguments of both samplers.
 COMMON = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "clip_sample", "prediction_type")
 UNUSED = re.compile(r"(.*\.)?_dummy_variable|normalizer\.params_dict\.\w+\.input_stats\.\w+")
 
-# Names of tensors there, and here.
+# Names of tensors in the release, and here.
 _ENCODER = (
     (r"^conv1\.", "layers.0.0."),
     (r"^bn1\.", "layers.0.1."),
@@ -64,29 +64,29 @@ _UNET = (
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera that a policy looks through."""
+    """A camera that a policy observes."""
 
     height: int
     width: int
-    crop: tuple[int, int] | None  # height and width of the middle that is looked at
+    crop: tuple[int, int] | None  # height and width of the centre crop
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the file of a policy says beside its tensors."""
+    """Settings in the file of a policy, beside its tensors."""
 
     cameras: Mapping[str, Camera]  # in the order of their features
-    moments: int  # that an observation is made of
+    moments: int  # observation steps
     horizon: int
-    steps: int  # of a chunk that are executed
-    imagenet: bool  # whether pictures are normalised a second time, as those of ImageNet
+    steps: int  # executed steps of a chunk
+    imagenet: bool  # whether pictures are also normalised by the statistics of ImageNet
     sampler: str
     inference_steps: int
     schedule: Mapping[str, Any]  # arguments of the sampler
 
     @staticmethod
     def read(path: Path, node: Mapping[str, Any], sampler: str | None, steps: int | None) -> "Settings":
-        """Of the configuration in a file. Raises ArgumentError for one that asks for what is not here."""
+        """From the configuration in a file. Raises ArgumentError for unsupported settings."""
         said = _Node(path, node)
         kinds = said.of("shape_meta.obs", dict)
         types = {name: said.of(f"shape_meta.obs.{name}.type", str, "low_dim") for name in sorted(kinds)}
@@ -103,7 +103,7 @@ class Settings:
         found = str(schedule.pop("_target_", "")).rpartition(".")[2].removesuffix("Scheduler").lower()
         if (sampler := sampler or found) not in SCHEDULERS:
             raise choices("sampler", sampler, SCHEDULERS)
-        if sampler != found:  # what is of one of them alone
+        if sampler != found:  # without arguments of one sampler alone
             schedule = {key: schedule[key] for key in COMMON if key in schedule}
         timesteps = said.of("policy.noise_scheduler.num_train_timesteps", int)
         told: int | None = steps or said.of("policy.num_inference_steps", int, None)
@@ -114,13 +114,13 @@ class Settings:
 
 
 class _Node:
-    """The configuration in a file, whose values are looked at before they are used."""
+    """Configuration in a file, whose values are checked on access."""
 
     def __init__(self, path: Path, node: Mapping[str, Any]) -> None:
         self._path, self._node = path, node
 
     def of(self, key: str, kind: type, *otherwise: Any) -> Any:
-        """The value of a dotted key, which has to be of a type, unless it is missing and may be."""
+        """The value of a dotted key, of type `kind`; `otherwise` is the default of an optional key."""
         found: Any = self._node
         for part in key.split("."):
             found = found.get(part) if isinstance(found, Mapping) else None
@@ -133,7 +133,7 @@ class _Node:
         return found
 
     def refused(self, key: str, expected: str) -> ArgumentError:
-        """The error for a value with which another network would be meant."""
+        """The error for a value that would need another network."""
         return ArgumentError(f"{self._path}: cfg.{key} is not what this suite can make; expected {expected}")
 
 
@@ -169,10 +169,10 @@ class Affine(nn.Module):
 
 
 class ReleasedPolicy(nn.Module):
-    """Actions of one arm or of several from the last moments, as a checkpoint of the release has learned."""
+    """Diffusion policy of the release, for one arm or several: last observations -> actions."""
 
     def __init__(self, said: Settings, channels: tuple[int, ...], actions: int, brightest: Mapping) -> None:
-        """`brightest`: camera -> 1 or 255, of the pictures that its normaliser was made for."""
+        """`brightest`: camera -> 1 or 255, the largest pixel value that its normaliser expects."""
         super().__init__()
         self.said, self.agents, self._brightest = said, actions // ACTION_SIZE, brightest
         self.encoders = nn.ModuleDict({name: ResNet18() for name in said.cameras})
@@ -187,9 +187,9 @@ class ReleasedPolicy(nn.Module):
     def act(
         self, pictures: Mapping[str, NDArray[np.uint8]], told: NDArray[np.float32], generator: torch.Generator
     ) -> NDArray[np.float32]:
-        """Actions (T, A) from the pictures (O, H, W, 3) of each camera and what its arms were told (O, A).
+        """Actions (T, A) from the pictures (O, H, W, 3) of each camera and the last commands `told` (O, A).
 
-        O moments, oldest first; the first action is for the newest of them.
+        O observation steps, oldest first; the first action is for the newest of them.
         """
         device = next(self.parameters()).device
         seen = [self._features(name, torch.from_numpy(pictures[name]).to(device)) for name in self.encoders]
@@ -199,13 +199,13 @@ class ReleasedPolicy(nn.Module):
         return chunk[self.said.moments - 1 :][: self.said.steps].cpu().numpy()
 
     def _features(self, name: str, pictures: Tensor) -> Tensor:
-        """(O, F) of pictures (O, H, W, 3)."""
+        """Features (O, F) of pictures (O, H, W, 3)."""
         pictures = pictures.movedim(-1, 1).float() * (self._brightest[name] / 255)
         if crop := self.said.cameras[name].crop:
             top, left = (round((a - b) / 2) for a, b in zip(pictures.shape[2:], crop, strict=True))
             pictures = pictures[..., top : top + crop[0], left : left + crop[1]]
         pictures = self._normaliser(name).normalise(pictures)
-        if self.said.imagenet:  # so they were learned
+        if self.said.imagenet:  # as in training
             mean, std = (pictures.new_tensor(each)[:, None, None] for each in (IMAGENET_MEAN, IMAGENET_STD))
             pictures = (pictures - mean) / std
         return self.encoders[name](pictures)
@@ -217,10 +217,10 @@ class ReleasedPolicy(nn.Module):
 
 
 def read_policy(path: Path, sampler: str | None = None, inference_steps: int | None = None) -> ReleasedPolicy:
-    """The policy of a `.ckpt` of the release, which samples as its file says unless it is told otherwise.
+    """The policy of a `.ckpt` of the release; sampler and steps are by default those of the file.
 
-    Raises ArgumentError for what is no such file, names code, or holds another network; StageError for one
-    that is damaged.
+    Raises ArgumentError for a file of another kind, that names code, or that holds another network;
+    StageError for a damaged one.
     """
     file = Checkpoint(path)
     saved = file.saved if isinstance(file.saved, dict) else {}
@@ -260,9 +260,9 @@ def read_policy(path: Path, sampler: str | None = None, inference_steps: int | N
 
 
 def _renamed(policy: ReleasedPolicy, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Tensors of a file by the names that they have here; what is not known keeps its own."""
+    """Tensors of a file under their names here; unknown ones keep their own."""
     found: dict[str, Tensor] = {}
-    film: dict[str, Tensor] = {}  # projections of the blocks
+    film: dict[str, Tensor] = {}  # FiLM projections of the blocks
     for name, tensor in tensors.items():
         if UNUSED.fullmatch(name):
             continue
@@ -289,7 +289,7 @@ def _replaced(name: str, rules: tuple[tuple[str, str], ...]) -> str:
 
 
 def _check(path: Path, expected: Mapping[str, torch.Size], found: Mapping[str, Tensor]) -> None:
-    """Raises ArgumentError that names the first tensor in which a network is another one."""
+    """Raises ArgumentError naming the first tensor that differs from the network, or is not finite."""
     for name in sorted(expected.keys() | found.keys()):
         here, there = expected.get(name), found[name].shape if name in found else None
         if here != there:

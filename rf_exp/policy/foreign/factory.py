@@ -1,6 +1,6 @@
-"""Factory: a policy made by somebody's Python function, which the person names on the command line.
+"""Factory: creates a policy by a user's Python function, which is named on the command line.
 
-Needs nothing of the suite but its errors, so that a server can use it where nothing else is installed.
+Depends on nothing of the suite but its errors, so that a server can use it where nothing else is installed.
 """
 
 from collections.abc import Mapping
@@ -11,15 +11,15 @@ from rf_exp.errors import ArgumentError, StageError
 
 
 def make_policy(name: str, options: Mapping[str, Any] | None = None) -> Any:
-    """What the factory `package.module:function` returns for these keyword arguments: something with `act`.
+    """The result of factory `package.module:function` for these keyword arguments: an object with `act`.
 
-    Raises ArgumentError for a name that leads nowhere, StageError for a factory that raises or returns
+    Raises ArgumentError for a name that cannot be resolved, StageError for a factory that raises or returns
     something else.
     """
     module, _, function = name.partition(":")
     try:
         found = import_module(module)
-    except Exception as error:  # whatever a module does when it is imported
+    except Exception as error:  # an import may raise anything
         raise ArgumentError(
             f"factory {name!r}: {module!r} cannot be imported: {type(error).__name__}: {error}; expected "
             "package.module:function of a module that Python finds, in this folder or by PYTHONPATH"

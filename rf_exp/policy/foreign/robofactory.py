@@ -1,7 +1,7 @@
 """Policies of the authors' release and of the challenge, for `foreign.factory`: docs/foreign.md.
 
-foreign.factory=rf_exp.policy.foreign.robofactory:checkpoint   its .ckpt files: tensors, no code of it runs
-foreign.factory=rf_exp.policy.foreign.robofactory:submission   an entry's DeployPolicy, which is code
+foreign.factory=rf_exp.policy.foreign.robofactory:checkpoint   its .ckpt files: tensors, none of its code runs
+foreign.factory=rf_exp.policy.foreign.robofactory:submission   an entry's DeployPolicy, whose code runs
 """
 
 import sys
@@ -22,13 +22,13 @@ from rf_exp.policy.learning.checkpoint import device_of
 from rf_exp.tasks import camera_name, camera_of
 from rf_exp.transforms import inverse
 
-MOMENTS = 3  # that the release's policies look at
-SIZE_PX = 240, 320  # height and width of what the release's cameras take
+MOMENTS = 3  # observation steps of the release's policies
+SIZE_PX = 240, 320  # height and width of the release's pictures
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 class Checkpoints:
-    """Networks of the release, one for each arm or one for all, shown as many moments as they learn from."""
+    """Networks of the release, one for each arm or one for all, with the observation steps of training."""
 
     def __init__(self, networks: Sequence[ReleasedPolicy]) -> None:
         self._networks = networks
@@ -37,18 +37,18 @@ class Checkpoints:
         self._generators: list[torch.Generator] = []
 
     def reset(self, seed: int) -> None:
-        """Forgets the episode before; all noise of the next comes from its seed and the network's number."""
+        """Forgets the last episode; all noise of the next comes from its seed and the network's number."""
         self._seen.clear()
         drawn = [np.random.SeedSequence([seed, row]) for row, _ in enumerate(self._networks)]
         # On the CPU, so that the noise does not depend on the device.
         self._generators = [torch.Generator().manual_seed(int(each.generate_state(1)[0])) for each in drawn]
 
     def observe(self, observation: Mapping[str, Any]) -> None:
-        """One moment. Before an episode's start its first one repeats, as in training."""
+        """Adds an observation. Before an episode's start its first one repeats, as in training."""
         self._seen.extend([observation] * (1 if self._seen else self.observation_steps))
 
     def act(self, observation: Mapping[str, Any]) -> NDArray[np.float32]:
-        """(T, N, 8), as many steps as the networks execute. Raises StageError for another number of arms."""
+        """Actions (T, N, 8), as many as networks execute. Raises StageError for another number of arms."""
         agents, expected = len(observation["qpos"]), sum(network.agents for network in self._networks)
         if agents != expected:
             raise StageError(f"the checkpoints command {expected} arms, and the task has {agents}")
@@ -69,7 +69,7 @@ class Checkpoints:
     def _taken(
         self, network: ReleasedPolicy, name: str, first: int, seen: Sequence[Mapping[str, Any]]
     ) -> NDArray[np.uint8]:
-        """(O, H, W, 3) of what one camera took. A network of one arm has that arm's own camera."""
+        """Pictures (O, H, W, 3) of one camera. A network of one arm has that arm's own camera."""
         camera = camera_of(name, network.agents)
         camera = f"agent{first + 1}" if camera == "agent1" and network.agents == 1 else camera
         known = network.said.cameras[name]
@@ -77,28 +77,28 @@ class Checkpoints:
 
 
 class Submission:
-    """The DeployPolicy of an entry, given observations as ManiSkill's, with a batch of one."""
+    """The DeployPolicy of an entry, which gets observations in the format of ManiSkill, in batches of one."""
 
     def __init__(self, policy: Any, observation_steps: int) -> None:
         self._policy, self.observation_steps = policy, observation_steps
 
     def reset(self, seed: int) -> None:
-        """Draws what is random from the seed of the scene, as the challenge does."""
+        """Seeds the random number generators by the scene, as the challenge does."""
         np.random.seed(seed % 2**32)
         torch.manual_seed(seed)
         self._policy.reset()
 
     def observe(self, observation: Mapping[str, Any]) -> None:
-        """One moment."""
+        """Adds an observation."""
         self._policy.update_obs(as_maniskill(observation))
 
     def act(self, observation: Mapping[str, Any]) -> NDArray[np.floating]:
-        """(T, N * 8)."""
+        """Actions (T, N * 8)."""
         return np.stack([np.asarray(action).reshape(-1) for action in self._policy.get_action()])
 
 
 def picture(observation: Mapping[str, Any], camera: str, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """(H, W, 3) of a camera. Raises StageError where it is not observed, or in another size."""
+    """Picture (H, W, 3) of a camera. Raises StageError where it is not observed, or in another size."""
     found = observation.get(f"rgb_{camera}")
     if found is None:
         seen = ", ".join(sorted(key for key in observation if key.startswith("rgb_"))) or "none"
@@ -114,7 +114,7 @@ def picture(observation: Mapping[str, Any], camera: str, size: tuple[int, int]) 
 
 
 def as_maniskill(observation: Mapping[str, Any]) -> dict[str, Any]:
-    """An observation as the release's environments give it: tensors with a batch of one, their names."""
+    """An observation in the format of the release's environments: their names, tensors in batches of one."""
     agents = len(observation["qpos"])
     joints = [
         {key: torch.from_numpy(observation[key][row])[None] for key in ("qpos", "qvel")}
@@ -143,7 +143,7 @@ def checkpoint(
     inference_steps: int | None = None,
     device: str = "auto",
 ) -> Checkpoints:
-    """The policy of a `.ckpt`, or of those of all arms in their order.
+    """The policy of one `.ckpt`, or of one for each arm, in their order.
 
     It samples as its file says, unless `sampler` (ddpm, ddim) and `inference_steps` say otherwise.
     """
@@ -155,10 +155,10 @@ def checkpoint(
 
 
 def submission(folder: str, checkpoint: str | None = None, observation_steps: int = MOMENTS) -> Submission:
-    """An entry of the challenge: `custom_policy/deploy_policy.py` in its folder, which is run.
+    """An entry of the challenge: `custom_policy/deploy_policy.py` in its folder, whose code runs.
 
-    It is given `checkpoint`, the only file in `checkpoints/` unless it is named, and shown the last
-    `observation_steps` moments before each call.
+    It gets `checkpoint`, by default the only file in `checkpoints/`, and the last `observation_steps`
+    observations before each call.
     """
     code = Path(folder) / "custom_policy/deploy_policy.py"
     if not code.is_file():
@@ -172,8 +172,8 @@ def submission(folder: str, checkpoint: str | None = None, observation_steps: in
         raise ArgumentError(f"there is no {weights}; expected the checkpoint of a submission")
     if observation_steps < 1:
         raise ArgumentError(f"observation_steps is {observation_steps}; expected at least 1")
-    sys.path.insert(0, str(code.parent.resolve()))  # for what lies beside it, as in the challenge
-    sys.modules.pop("deploy_policy", None)  # another one's
+    sys.path.insert(0, str(code.parent.resolve()))  # for modules beside it, as in the challenge
+    sys.modules.pop("deploy_policy", None)  # that of another entry
     made = getattr(import_module("deploy_policy"), "DeployPolicy", None)
     if made is None:
         raise ArgumentError(f"{code} has no class DeployPolicy")

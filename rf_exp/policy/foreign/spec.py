@@ -1,4 +1,4 @@
-"""Specification of a policy that acts in the place of ours: `foreign` in conf/config.yaml, checked."""
+"""Specification of a foreign policy, which replaces ours: `foreign` in conf/config.yaml, validated."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -16,17 +16,17 @@ WAYS = ("factory", "server")
 
 @dataclass(frozen=True)
 class Foreign:
-    """One policy of all agents, by one of two ways. Raises ArgumentError for values that are not possible."""
+    """One policy of all agents, by a factory or a server. Raises ArgumentError for invalid values."""
 
-    name: str  # of its rows and files, in the place of a recipe
+    name: str  # of its rows and files, in place of a recipe
     factory: str | None  # package.module:function
     options: Mapping[str, Any] | None = field(hash=False)  # keyword arguments of the factory
     server: str | None  # ws://host:port
     connect_s: float
     answer_s: float  # for one answer of the server
-    action_steps: int | None  # of a chunk that are executed; None: all
+    action_steps: int | None  # executed steps of a chunk; None: all
     step_limit: int | None  # control steps of a scene; None: the task's
-    demos: int  # of ours that it has learned from, as its rows say
+    demos: int  # number of our demonstrations that it was trained on, for its rows
     observations: Observations
 
     def __post_init__(self) -> None:
@@ -49,22 +49,22 @@ class Foreign:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What decides its rollouts. Where its server is, is not among it: the name stands for the policy."""
+        """What determines its rollouts, but for the address of a server: the name stands for the policy."""
         fields = ("name", "factory", "options", "action_steps")
         shown = without(asdict(self.observations), calibration=False)
         return {**{name: getattr(self, name) for name in fields}, "observations": shown}
 
     @property
     def observation(self) -> str:
-        """What its rows say: `state` where it is given the true poses: a privileged-state policy."""
+        """The kind of its observations in rows: `state` for a privileged-state policy."""
         return "state" if self.observations.state == "full" else "pictures"
 
 
 def foreign_policy(node: Mapping[str, Any], picture: Mapping[str, int]) -> dict[str, Any] | None:
-    """The fields of a Foreign from `foreign` and `picture` of a configuration; None where nobody is named.
+    """The fields of a Foreign from `foreign` and `picture` of a configuration; None without a policy.
 
-    Raises ArgumentError for a name without a way to the policy, for two ways, for one without a name, and for
-    other fields without a policy.
+    Raises ArgumentError for a name without factory and server, for both of these, for one of them without a
+    name, and for other fields without a policy.
     """
     ways = [way for way in WAYS if node[way] is not None]
     if not ways and node["name"] is None:

@@ -1,8 +1,8 @@
-"""Tensors of a `.ckpt` that PyTorch's `torch.save` wrote, and plain values beside them; never its code.
+"""Reader of `.ckpt` files by PyTorch's `torch.save`: tensors and plain values; none of their code runs.
 
 Such a file is a ZIP archive: `data.pkl`, a pickle of what was saved, and the bytes of each tensor in a file
-of its own. A pickle names functions and calls them, which could be any. Here it may name what a checkpoint of
-Diffusion Policy is made of, and something that does nothing stands in for each: nothing is imported.
+of its own. A pickle names functions and calls them, which could be any. Here it may only name what a
+checkpoint of Diffusion Policy consists of, with an inert stand-in for each: nothing is imported.
 """
 
 import pickle
@@ -40,21 +40,21 @@ DTYPES = {
 
 @dataclass(frozen=True)
 class Stored:
-    """A tensor whose bytes have not been read."""
+    """A tensor whose values have not been read."""
 
-    key: str  # of its file
+    key: str  # name of its file
     dtype: torch.dtype
-    items: int  # in its file
+    items: int  # number of values in its file
     offset: int
     size: tuple[int, ...]
     stride: tuple[int, ...]
 
 
 class Checkpoint:
-    """What one file holds: `saved`, plain values with `Stored` in the place of tensors, and their bytes."""
+    """Contents of one file: `saved`, plain values with `Stored` tensors, which `tensor` reads."""
 
     def __init__(self, path: Path) -> None:
-        """Raises ArgumentError for what is no such file or names code, StageError for one that is damaged."""
+        """Raises ArgumentError for files of another kind or that name code, StageError for damaged ones."""
         if not path.is_file():
             raise ArgumentError(f"there is no file {path}; expected a .ckpt")
         self.path = path
@@ -77,7 +77,7 @@ class Checkpoint:
             self.saved = plain(_Restricted(path, self._bytes(pickles[0])).load())
 
     def tensor(self, stored: Stored) -> Tensor:
-        """Its numbers. Raises StageError where the file has not all of them."""
+        """The values of a tensor. Raises StageError where the file lacks some of them."""
         with self._blames():
             data = bytearray(self._bytes(f"{self._folder}data/{stored.key}"))
             if len(data) != stored.items * stored.dtype.itemsize:
@@ -86,7 +86,7 @@ class Checkpoint:
             return flat.as_strided(stored.size, stored.stride, stored.offset).contiguous()
 
     def _bytes(self, name: str) -> bytes:
-        """A file of the archive, which is as long as it lies there."""
+        """A file of the archive; it must be uncompressed, so that it is no larger than the archive."""
         about = self._archive.getinfo(name)
         if about.compress_type != zipfile.ZIP_STORED:
             raise ArgumentError(f"{self.path} is no checkpoint: {printable(name)} in it is compressed")
@@ -97,8 +97,8 @@ class Checkpoint:
 
 
 def plain(value: Any, seen: dict[int, Any] | None = None) -> Any:
-    """What was saved, with OmegaConf's nodes as the mappings, lists and values that they hold."""
-    seen = {} if seen is None else seen  # what is held many times is made once
+    """Saved values, with OmegaConf's nodes replaced by the mappings, lists and values that they hold."""
+    seen = {} if seen is None else seen  # shared objects are converted once
     if id(value) not in seen:
         if isinstance(value, _Inert):
             found = plain(vars(value).get("_content", vars(value).get("_val")), seen)
@@ -111,7 +111,7 @@ def plain(value: Any, seen: dict[int, Any] | None = None) -> Any:
 
 
 class _Inert:
-    """An object of a class that was not imported: its state, whatever it was made of."""
+    """Stand-in for an object of a class that is not imported: its state, without constructor arguments."""
 
     def __new__(cls, *_: object) -> "_Inert":
         return super().__new__(cls)
@@ -129,14 +129,14 @@ def _tensor(storage: tuple[torch.dtype, str, int], offset: Any, size: Any, strid
     return Stored(key, dtype, items, offset, tuple(size), tuple(stride))
 
 
-# What a file may name, in its words, and what stands in for it.
+# Names that a file may use, and their stand-ins.
 _PLAIN = ("dict", "list", "tuple", "set", "int", "long", "float", "str", "bool", "bytes")
 _NODES = ("Any", "Integer", "Float", "Boolean", "String")
 _NAMED: dict[tuple[str, str], Any] = {
     ("collections", "OrderedDict"): OrderedDict,
-    ("collections", "defaultdict"): lambda *_: {},  # empty, whatever it would make of keys that it lacks
+    ("collections", "defaultdict"): lambda *_: {},  # empty, without its default factory
     ("typing", "Any"): _Inert,
-    ("_codecs", "encode"): lambda text, _: text.encode("latin1"),  # bytes, as the oldest pickles hold them
+    ("_codecs", "encode"): lambda text, _: text.encode("latin1"),  # bytes in the oldest pickles
     **{("torch", name): type(name, (_Inert,), {"dtype": dtype}) for name, dtype in DTYPES.items()},
     ("torch._utils", "_rebuild_tensor_v2"): _tensor,
     ("torch._utils", "_rebuild_parameter"): lambda data, *_: data,
@@ -151,14 +151,14 @@ _NAMED: dict[tuple[str, str], Any] = {
 
 
 class _Restricted(pickle.Unpickler):
-    """Reads what `_NAMED` is enough for, and refuses everything else by its name."""
+    """Unpickler that resolves the names in `_NAMED` alone."""
 
     def __init__(self, path: Path, data: bytes) -> None:
         super().__init__(BytesIO(data))
         self._path = path
 
     def find_class(self, module_name: str, global_name: str) -> Any:
-        """What stands in for a name. Raises ArgumentError for any other one: that would be code."""
+        """The stand-in for a name. Raises ArgumentError for unknown names: they would be code."""
         if (found := _NAMED.get((module_name, global_name))) is None:
             name = printable(f"{module_name}.{global_name}", 200)
             raise ArgumentError(
@@ -168,6 +168,6 @@ class _Restricted(pickle.Unpickler):
         return found
 
     def persistent_load(self, pid: Any) -> Any:
-        """Where the numbers of a tensor lie: dtype, file and how many."""
+        """Storage of a tensor: dtype, file and number of values."""
         _, kind, key, _, items = pid
         return kind.dtype, key, items

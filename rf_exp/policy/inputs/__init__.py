@@ -1,1 +1,1 @@
-"""What a policy is shown and told, as arrays: views, observation specs, pictures, gripper history."""
+"""Inputs of a policy as arrays: views, observation specs, pictures, gripper history."""

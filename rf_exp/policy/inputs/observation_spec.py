@@ -1,12 +1,11 @@
-"""The context of an observation: one vector of what a policy is told beside its pictures and its own joints.
+"""Observation spec: the context of a policy, a vector that it observes beside pictures and its own joints.
 
-For each own agent, in the footprint of the first of them: where the TCP is (position, two axes), and what its
-gripper has done so far (`Memory`). A footprint is the place of a base on the table (ROS, REP 120): over a
-table that is higher, hands are told to be lower, and what stands on it is as high as ever. A privileged-state
-policy (encoder `privileged`) is told the truth instead of pictures: the joints and TCPs of the other agents,
-the poses of all objects, and once more where those are that an own hand is near to. Numbers are scaled by
-their range in the demonstrations: of a thing that goes along the whole table, a millimetre would be less than
-a thousandth.
+For each own agent, in the footprint of the first of them: the pose of the TCP (position, two axes), and the
+gripper history (`Memory`). A footprint is the place of a base on the table (ROS, REP 120): with a higher
+table TCPs are lower, and objects on it keep their height. A privileged-state policy (encoder `privileged`)
+observes the true state instead of pictures: the joints and TCPs of the other agents, the poses of all
+objects, and their offsets from the own TCPs, clipped to `NEAR_M`. Values are scaled by their range in the
+demonstrations; for an object that moves along the whole table, a millimetre would be less than a thousandth.
 """
 
 from collections import Counter
@@ -33,29 +32,29 @@ if TYPE_CHECKING:
 Floats = NDArray[np.floating]
 Array = TypeVar("Array", Tensor, Floats)
 
-NEAR_M = 0.1  # from a hand to what it is near to
-MOST_OBJECTS, MOST_SUBGOALS = 256, 256  # of a task, of an agent; more are none that anybody has
-CHANGES = 6  # of a gripper that are told apart
-RECENT_STEPS = 20  # since the last of them: what is longer ago is all the same
+NEAR_M = 0.1  # clip of offsets from a TCP
+MOST_OBJECTS, MOST_SUBGOALS = 256, 256  # bounds: objects of a task, subgoals of an agent
+CHANGES = 6  # gripper changes that are distinguished
+RECENT_STEPS = 20  # clip of the time since the last change
 MEMORY = CHANGES + 2
-EMPTY_M = 0.004  # fingers that have shut on nothing are nearer to each other
+EMPTY_M = 0.004  # closed fingers with a smaller opening hold nothing
 POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 2019: no jumps, unlike angles)
 
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """What the context of a policy is made of. `bases` is empty for a policy that has none."""
+    """Specification of the context of a policy. `bases` is empty for a policy without one."""
 
     bases: tuple[tuple[float, float, float], ...] = ()  # x (m), y (m), yaw (rad) of every arm of the task
-    objects: tuple[str, ...] = ()  # whose true poses it is told
-    keyframes: int = 0  # changes of an own gripper that its encoder looks for
-    subgoals: int = 0  # of an own agent, of which it is told
-    names: tuple[tuple[str, ...], ...] = ()  # of them, of each agent; empty where they count as they come
-    robots: tuple[str, ...] = ()  # of every arm of the task; empty where all are the usual one
-    # (dof,) rad, how each arm of the task stands when it has nothing to do; empty where as its robot does.
+    objects: tuple[str, ...] = ()  # whose true poses are in the context
+    keyframes: int = 0  # changes of an own gripper that the encoder predicts
+    subgoals: int = 0  # number of subgoals in the phase of an own agent; 0: no phases
+    names: tuple[tuple[str, ...], ...] = ()  # of the subgoals, by agent; empty where stored numbers agree
+    robots: tuple[str, ...] = ()  # name for every arm of the task; empty where all are the default
+    # (dof,) rad, rest posture of every arm of the task; empty where all are those of their robots.
     rests: tuple[tuple[float, ...], ...] = ()
-    # Of each arm the numbers of its gripper's changes after which the fingers are meant to be shut on nothing
-    # (they press, or push); empty where there are none.
+    # For every arm the numbers of gripper changes after which its fingers are meant to be closed on nothing
+    # (to press, or push); empty where there are none.
     shuts: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self) -> None:
@@ -71,29 +70,29 @@ class ObservationSpec:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Its fields, but for those that say nothing and came later."""
+        """Its fields, but for later additions at their neutral values."""
         return without(asdict(self), subgoals=0, names=(), robots=(), rests=(), shuts=())
 
     @property
     def world_from_base(self) -> list[Matrix]:
-        """(4, 4) of every arm, where it usually stands."""
+        """Usual base pose (4, 4) of every arm."""
         return [planar(*each) for each in self.bases]
 
     def robot(self, agent: int) -> Robot:
-        """Which robot an agent is. Raises ArgumentError for one that nobody has added."""
+        """The robot of an agent. Raises ArgumentError for one that is not registered."""
         return robot_named(self.robots[agent - 1]) if self.robots else DEFAULT
 
     def rest_rad(self, agent: int) -> NDArray[np.float64]:
-        """(7,) joints of an agent that has nothing to do; zero behind those that it has."""
+        """Rest posture (7,) of an agent; zero behind the joints that it has."""
         rest = np.array(self.rests[agent - 1] if self.rests else self.robot(agent).rest_rad)
         return np.pad(rest, (0, ARM_JOINTS - len(rest)))
 
     def keypoints(self, view: View) -> int:
-        """That an encoder looks for through each camera: of the own agents, then all hands now."""
+        """Number of keypoints per camera: keyframes and end of the own agents, then the TCPs of all."""
         return len(view.streams[0].agents) * (self.keyframes + 1) + len(self.bases)
 
     def size(self, view: View) -> int:
-        """Of the context of a stream of a view."""
+        """Length of the context of a stream of a view."""
         if not self.bases:
             return 0
         own = len(view.streams[0].agents)
@@ -103,12 +102,12 @@ class ObservationSpec:
 
     @property
     def phase_size(self) -> int:
-        """Numbers by which it is told of a subgoal of an own agent, and whether that may go on."""
+        """Length of the phase of an own agent: one-hot subgoal, and whether it may go on."""
         return self.subgoals + (self.subgoals > 0)
 
 
 def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec:
-    """The spec of a policy that learns a view. Raises ArgumentError where the store lacks them."""
+    """The spec of a policy that learns a view. Raises ArgumentError where the store lacks data for it."""
     models = _robots(store)
     if not config.context:
         if view.coordinated:
@@ -143,14 +142,14 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
 
 
 def _rests(robots: Sequence[Mapping[str, Any]], models: Sequence[str]) -> tuple[tuple[float, ...], ...]:
-    """Of every arm as an identity tells of it; nothing where each is that of its robot, or is not told."""
+    """Rest posture of every arm of an identity; empty where all are those of their robots, or unrecorded."""
     usual = [robot_named(name).rest_rad for name in models] or [DEFAULT.rest_rad] * len(robots)
     told = [tuple(each.get("rest_rad", rest)) for each, rest in zip(robots, usual, strict=True)]
     return () if told == usual else tuple(told)
 
 
 def _shuts(store: "Store") -> tuple[tuple[int, ...], ...]:
-    """Of each arm at how many changes of its gripper it is shut on nothing, in most demonstrations."""
+    """For every arm the numbers of gripper changes after which most demonstrations close on nothing."""
     found = [Counter[int]() for _ in range(store.agents)]
     for action, qpos in zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True):
         commands, apart = gripper_of(action), widths(qpos)
@@ -163,7 +162,7 @@ def _shuts(store: "Store") -> tuple[tuple[int, ...], ...]:
 
 
 def _robots(store: "Store") -> tuple[str, ...]:
-    """Of every agent of a store. Raises ArgumentError for a robot that is not known here."""
+    """Robot of every agent of a store; empty where all are the default. Raises ArgumentError if unknown."""
     names = {robot.measured: robot.name for robot in known_robots()}
     found = [names.get(model.joints) for model in store.models]
     if None in found:
@@ -174,22 +173,22 @@ def _robots(store: "Store") -> tuple[str, ...]:
 
 
 class Memory:
-    """What the grippers have been told so far: how often they changed, as one-hot, and how recently.
+    """Gripper history, from commands: the number of changes so far, one-hot, and the time since the last.
 
-    A picture after the fingers closed looks much like the one before, and what comes next is not the same.
-    Fingers that have shut on nothing and open again have changed nothing: such a miss is taken back, so that
-    what comes next is once more what came next before it.
+    Pictures before and after the fingers close look much alike, although what follows differs. A failed grasp
+    (fingers that closed on nothing and open again) is taken back from the count, so that the same change
+    comes next once more.
     """
 
     def __init__(self, agents: int) -> None:
-        self.opened = np.ones(agents, dtype=bool)  # (N,) by the last command; so every episode begins
+        self.opened = np.ones(agents, dtype=bool)  # (N,) by the last command; episodes begin open
         self.changes = np.zeros(agents, dtype=int)  # (N,)
         self._since = np.full(agents, RECENT_STEPS)
 
     def told(self, grippers: Mapping[int, float], widths: Floats) -> None:
-        """The commands of one control step, of those agents whose commands are known.
+        """Record the commands of one control step, of those agents whose commands are known.
 
-        `widths` (N,) is how far apart the fingers of each were measured before it, in m.
+        `widths` (N,) are the finger openings measured before it, in m.
         """
         opened = self.opened.copy()
         for agent, command in grippers.items():
@@ -207,7 +206,7 @@ class Memory:
 
 
 def remembered(grippers: Floats, widths: Floats) -> NDArray[np.float32]:
-    """The memory (T, N, MEMORY) before each step of an episode with commands and widths in m, (T, N) each."""
+    """Memory (T, N, MEMORY) before each step of an episode, by commands and widths in m, (T, N) each."""
     memory, rows = Memory(grippers.shape[1]), []
     for commands, apart in zip(grippers, widths, strict=True):
         rows.append(memory.vector)
@@ -216,7 +215,7 @@ def remembered(grippers: Floats, widths: Floats) -> NDArray[np.float32]:
 
 
 def changes(gripper: Floats, width: Floats) -> NDArray[np.int64]:
-    """The steps in which a gripper changes for good, by its commands and widths in m, (T,) each."""
+    """Steps of gripper changes, without failed grasps, by commands and widths in m, (T,) each."""
     found: list[int] = []
     for step in np.flatnonzero(np.diff(gripper > 0, prepend=True)):
         if gripper[step] > 0 and width[step] < EMPTY_M and found:
@@ -227,14 +226,14 @@ def changes(gripper: Floats, width: Floats) -> NDArray[np.int64]:
 
 
 def widths(qpos: Floats) -> Floats:
-    """How far apart the fingers are, in m: measured joints (..., N, D) -> (..., N)."""
+    """Finger openings in m: measured joints (..., N, D) -> (..., N)."""
     return fingers_of(qpos).sum(axis=-1)
 
 
 def proprioception(qpos: Floats) -> NDArray[np.float32]:
-    """Measured joint positions (..., N, 9) -> (..., 8N): seven joints (rad) and the opening (m) an agent.
+    """Measured joint positions (..., N, 9) -> (..., 8N): seven joints (rad) and the opening (m) per agent.
 
-    Both fingers of the gripper keep the same width (paper, supplementary), so their sum says it all.
+    Both fingers of the gripper keep the same width (paper, supplementary), so their sum suffices.
     """
     joined = np.concatenate([qpos[..., :ARM_JOINTS], widths(qpos)[..., None]], axis=-1)
     return joined.reshape(*qpos.shape[:-2], -1).astype(np.float32)
@@ -249,11 +248,11 @@ def context(
     memory: Floats,
     bases: Sequence[Matrix],
 ) -> NDArray[np.float32]:
-    """The context (..., C) of stream `row` of a view, where the bases (4, 4) of all arms stand so.
+    """The context (..., C) of stream `row` of a view, for these base poses (4, 4) of all arms.
 
-    From the measured joints of all agents (..., N, 9), world poses of objects (..., 4, 4) and what all
-    grippers have done (..., N, M), see `Memory`; behind that what is told of their subgoals, which comes last
-    in the context.
+    From the measured joints of all agents (..., N, 9), world poses of objects (..., 4, 4) and, in `memory`
+    (..., N, M), their gripper histories, see `Memory`, followed by their phases, which come last in the
+    context.
     """
     if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
@@ -271,28 +270,28 @@ def context(
             parts += [proprioception(qpos[..., agent - 1 : agent, :]), hand_of(agent)]
         things = [flat_pose(footprint_from_world @ poses[name]) for name in spec.objects]
         parts += [*things, *(near(thing[..., :3] - hand[..., :3]) for hand in hands for thing in things)]
-    if len(view.streams) > 1:  # one policy for several agents: which of them
+    if len(view.streams) > 1:  # a shared policy: for which of its streams
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
     parts += [memory[..., agent - 1, MEMORY:] for agent in stream.agents]
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
 def footprint(world_from_base: Matrix) -> Matrix:
-    """Where a base (4, 4) stands on the table, which is at z = 0 of the world."""
+    """Footprint of a base (4, 4): its place on the table, which is at z = 0 of the world."""
     below = world_from_base.copy()
     below[2, 3] = 0.0
     return below
 
 
 def tcp_poses(spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: Floats) -> Floats:
-    """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
+    """TCP poses (..., n, POSE) of the agents of a stream for joints (..., n, 7), in its footprint."""
     return flat_pose(footprint_from_tcps(spec, bases, stream, joints))
 
 
 def footprint_from_tcps(
     spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: Floats
 ) -> NDArray[np.float64]:
-    """The same as matrices (..., n, 4, 4)."""
+    """The same as `tcp_poses`, as matrices (..., n, 4, 4)."""
     footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
     poses = [
         footprint_from_world @ bases[agent - 1] @ spec.robot(agent).tcp_pose(joints[..., row, :])
@@ -307,24 +306,24 @@ def others(spec: ObservationSpec, stream: Stream) -> list[int]:
 
 
 def near(offset_m: Array) -> Array:
-    """Offsets (...) in m from a hand to what it may be near to, in [-1, 1], NEAR_M and farther off 1."""
+    """Offsets (...) in m, clipped to NEAR_M and scaled to [-1, 1]."""
     return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
 def world_from_tcp(
     spec: ObservationSpec, bases: Sequence[Matrix], agent: int, qpos: Floats
 ) -> NDArray[np.float64]:
-    """(..., 4, 4) of an agent: bases (4, 4) and joints of all agents (..., N, 7 or more), in the world."""
+    """TCP pose (..., 4, 4) of an agent in the world; bases (4, 4) and joints (..., N, 7 or more) of all."""
     return bases[agent - 1] @ spec.robot(agent).tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def flat_pose(poses: Floats) -> Floats:
-    """(..., 4, 4) -> (..., POSE)."""
+    """Poses (..., 4, 4) -> (..., POSE)."""
     axes = poses[..., :3, :2].swapaxes(-1, -2).reshape(*poses.shape[:-2], 6)
     return np.concatenate([poses[..., :3, 3], axes], axis=-1)
 
 
 def of_agent(context: Tensor, row: int) -> tuple[Tensor, Tensor]:
-    """Of a context (..., C): the pose of the TCP of the own agent `row` (..., POSE), its changes, one-hot."""
+    """TCP pose (..., POSE) and one-hot gripper changes of the own agent `row`, in a context (..., C)."""
     first = row * (POSE + MEMORY)
     return context[..., first : first + POSE], context[..., first + POSE : first + POSE + CHANGES + 1]

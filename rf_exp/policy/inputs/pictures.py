@@ -1,8 +1,8 @@
-"""The pictures of a store as a policy takes them, and the rays along which their places are seen.
+"""Pictures of a store as inputs of a policy, and the rays of places in them.
 
-A camera is a matrix (3, 4), [A | c]: what is at the place (x, y) of its picture, from 0 to 1 to the right
-and down, lies on c + t A (x, y, 1), in m, in the footprint of an arm. A camera that has moved has another
-matrix, and the same keypoints.
+The rays of a camera are a matrix (3, 4), [A | c]: a point at the place (x, y) of its picture, from 0 to 1 to
+the right and down, lies on c + t A (x, y, 1), in m, in the footprint of an arm. A camera that has moved has
+another matrix, and the same keypoints.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ Array = TypeVar("Array", Tensor, NDArray)
 
 
 def pictures_of(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np.uint8]:
-    """All that a camera took (T, H, W, 3). Raises ArgumentError where there are none, or of another size."""
+    """All pictures (T, H, W, 3) of a camera. Raises ArgumentError for none, or for another size."""
     if camera not in store.cameras:
         raise ArgumentError(
             f"the view needs camera {camera!r}, but the store has {', '.join(store.cameras) or 'none'}; "
@@ -44,16 +44,16 @@ def pictures_of(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np
 
 
 def side_by_side(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Pictures (..., H, W, 3) of several cameras as one (..., H, sum of W, 3); of one, that itself."""
+    """Pictures (..., H, W, 3) of several cameras as one (..., H, sum of W, 3); a single one uncopied."""
     return pictures[0] if len(pictures) == 1 else np.concatenate(pictures, axis=-2)
 
 
 def crop(
     pictures: Tensor, frames: NDArray[np.int64], corners: NDArray[np.int64], size: tuple[int, int]
 ) -> Tensor:
-    """Copies of pictures (K, H, W, 3) by index (U,), cut to size (h, w) at upper left corners (U, 2).
+    """Copies of pictures (K, H, W, 3) by index (U,), cropped to size (h, w) at upper left corners (U, 2).
 
-    Neighbouring frames with one corner are cut in one slice: whole runs are cheaper to copy than a gather.
+    Neighbouring frames with the same corner are copied in one slice, which is cheaper than a gather.
     """
     height, width = size
     cut = np.flatnonzero((np.diff(frames) != 1) | (np.diff(corners, axis=0) != 0).any(axis=1)) + 1
@@ -65,9 +65,9 @@ def crop(
 
 
 def with_margin(pictures: Tensor, margin_px: int) -> Tensor:
-    """Pictures (K, H, W, 3) with their outermost pixels repeated for so far on all sides."""
+    """Pictures (K, H, W, 3), padded on all sides with their outermost pixels."""
     for axis in (1, 2):
-        # Copied in whole: gathered by index, three bytes at a time, it takes eight times as long.
+        # Copied as slices: a gather by index, three bytes at a time, takes eight times as long.
         side = [margin_px if k == axis else size for k, size in enumerate(pictures.shape)]
         outermost = pictures.narrow(axis, 0, 1), pictures.narrow(axis, pictures.shape[axis] - 1, 1)
         first, last = (pixels.expand(side) for pixels in outermost)
@@ -77,18 +77,18 @@ def with_margin(pictures: Tensor, margin_px: int) -> Tensor:
 
 def scaled(pictures: Tensor) -> Tensor:
     """Pictures (U, h, w, 3) uint8 -> (U, 3, h, w) in [-1, 1]."""
-    # Seen with channels in front they are channels_last already: no copy, the fast layout on CPUs.
+    # Permuted to channels first they are channels_last already: no copy, the fast layout on CPUs.
     return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 
 def inside_picture(places: Array) -> Array:
-    """Which of places (..., 2), from 0 to 1 over a picture, are in it; NaN is not."""
+    """Whether places (..., 2), from 0 to 1 over a picture, are inside it; NaN is not."""
     inside: Any = (places >= 0) & (places <= 1)
     return inside.all(-1)
 
 
 def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
-    """(K, 3, 4) of the cameras of a stream, whose pictures lie side by side, from the first's footprint."""
+    """Rays (K, 3, 4) of the cameras of a stream, pictures side by side, in the first agent's footprint."""
     footprint_from_world = inverse(footprint(calibration.world_from_base[stream.agents[0] - 1]))
     count, found = len(stream.cameras), []
     for row, name in enumerate(stream.cameras):
@@ -102,7 +102,7 @@ def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
 
 
 def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
-    """Where arms and the named cameras stood in each episode of a store. Raises as `usual_calibration`."""
+    """Calibration of arms and named cameras in each episode of a store. Raises as `usual_calibration`."""
     usual, found = usual_calibration(store, names), []
     size_px = store.attrs["width"], store.attrs["height"]
     for certificate in store.certificates:
@@ -118,7 +118,7 @@ def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
 
 
 def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
-    """Where arms and the named cameras usually stand. Raises ArgumentError for unknown and moving ones."""
+    """Usual calibration of arms and named cameras. Raises ArgumentError for unknown and moving ones."""
     try:
         scene = store.identity["scene"]
         specs = {name: CameraSpec(**scene["cameras"][name]) for name in names}

@@ -1,6 +1,6 @@
-"""Rows of arms as policies have them: for seven joints, whatever arm it is.
+"""Rows of arms as policies use them: padded to seven joints, whatever the arm.
 
-Of an arm with fewer the last ones before its hand are zero, as beside another arm with more.
+For an arm with fewer joints, zeros follow before its gripper, as in a task that also has an arm with more.
 """
 
 from dataclasses import replace
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 Number = TypeVar("Number", bound=np.generic)
-GRIPPER = 1  # numbers of a command behind its joints
+GRIPPER = 1  # values of a command behind its joints
 
 
 def wide(rows: NDArray[Number], hand: int) -> NDArray[Number]:
-    """(..., ARM_JOINTS + hand) of rows (..., n + hand); what is so wide stays as it is."""
+    """Rows (..., n + hand), padded to (..., ARM_JOINTS + hand); `hand` values follow the joints."""
     lacks = ARM_JOINTS + hand - rows.shape[-1]
     if lacks <= 0:
         return rows
@@ -28,26 +28,26 @@ def wide(rows: NDArray[Number], hand: int) -> NDArray[Number]:
 
 
 def narrow(commands: NDArray[Number], joints: int) -> NDArray[Number]:
-    """(..., joints + 1) for a task whose arms have so many, of commands (..., 8)."""
+    """Commands (..., 8), narrowed to (..., joints + 1) for a task whose arms have so many joints."""
     return narrowed(commands, joints, GRIPPER)
 
 
 def measured(store: "Store") -> NDArray[np.float32]:
-    """(T, N, 9) the measured joints of a store."""
+    """Measured joints (T, N, 9) of a store."""
     return wide(store.qpos, FINGERS)
 
 
 def meant(store: "Store") -> NDArray[np.float32]:
-    """(T, N, 8) what its arms were meant to do."""
+    """Intended commands (T, N, 8) of a store."""
     return wide(store.action, GRIPPER)
 
 
 def executed(store: "Store") -> NDArray[np.float32]:
-    """(T, N, 8) what they were told."""
+    """Executed commands (T, N, 8) of a store."""
     return wide(store.executed, GRIPPER)
 
 
 def widened(scene: Scene) -> Scene:
-    """A scene with rows as policies have them."""
+    """A scene with padded rows."""
     qpos, qvel = (wide(rows, FINGERS) for rows in (scene.qpos, scene.qvel))
     return scene if qpos is scene.qpos else replace(scene, qpos=qpos, qvel=qvel)

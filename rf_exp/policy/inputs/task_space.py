@@ -1,8 +1,8 @@
-"""Task-space actions: where the TCP is sent, beside the joints that it takes.
+"""Task-space actions: target poses of the TCP beside the joint targets.
 
-A network that predicts seven joints makes small mistakes in each, which add up at the fingers; where the TCP
-goes it predicts more sharply. Its joints say which of the arm's many postures is meant:
-the nearest with the same last joint.
+A network that predicts seven joints makes small errors in each, which add up at the fingers; it predicts the
+TCP more precisely. The predicted joints select among the many postures of the arm at that TCP pose: the
+nearest with the same last joint.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import ARM_JOINTS
 
-# How far the last joint is turned to follow a hand: with its own alone a pose may just be out of reach. Below
-# an upright shoulder a hundredth of that turns the first and the third joint by a radian: looked at closer.
+# Offsets of the last joint that are searched: at the predicted one alone a pose may be slightly out of reach.
+# Below an upright shoulder a hundredth of that turns the first and third joint by a radian: hence finer ones.
 TURNS_RAD = tuple(np.linspace(-reach, reach, 61) for reach in (0.3, 0.015, 0.00075))
-CLOSE_RAD = 0.1  # from the predicted joints, where nothing closer is looked for
-FARTHEST_RAD = 0.35  # what is farther is another posture, and not meant
+CLOSE_RAD = 0.1  # deviation from the predicted joints below which the search ends
+FARTHEST_RAD = 0.35  # a larger deviation is another posture, and rejected
 
 
 def task_space_actions(
@@ -28,7 +28,7 @@ def task_space_actions(
 ) -> NDArray[np.float32]:
     """Actions (..., n, 8) of the n agents of a stream -> (..., 8n + 9n), with the poses of their TCPs.
 
-    As all arms stand by their bases (4, 4).
+    `bases` (4, 4) are those of all arms.
     """
     poses = tcp_poses(spec, bases, stream, action[..., :ARM_JOINTS])
     joined = [action.reshape(*action.shape[:-2], -1), poses.reshape(*poses.shape[:-2], -1)]
@@ -38,7 +38,7 @@ def task_space_actions(
 def joint_actions(
     spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, chunk: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Predicted actions (T, 8n + 9n) -> joints and grippers (T, n, 8) that put the TCPs where they belong."""
+    """Predicted actions (T, 8n + 9n) -> joints and grippers (T, n, 8) for the predicted TCP poses."""
     agents: Sequence[int] = stream.agents
     actions = chunk[:, : len(agents) * ACTION_SIZE].reshape(len(chunk), len(agents), ACTION_SIZE).copy()
     poses = chunk[:, len(agents) * ACTION_SIZE :].reshape(len(chunk), len(agents), POSE)
@@ -54,7 +54,7 @@ def joint_actions(
 
 
 def _nearest(arm: Arm, poses: NDArray[np.float64], joints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The postures at TCP poses (T, 4, 4) that are nearest to joints (T, dof), or those themselves."""
+    """Postures at TCP poses (T, 4, 4) nearest to joints (T, dof); the latter where none is close enough."""
     best, away = joints.copy(), np.full(len(joints), np.inf)
     for turns in TURNS_RAD:
         far = np.flatnonzero(away > CLOSE_RAD)

@@ -1,6 +1,6 @@
 """The paper's four architectures (section 4.2), and two of ours, as views of one data set.
 
-A stream is what one sample shows and commands: the pictures of one camera and one or more agents. A
+A stream is the unit of observation and command: the pictures of one camera, and one or more agents. A
 policy learns from all streams of its view together and acts through each of them at rollout.
 
 | architecture    | policies       | streams of each                                |
@@ -11,7 +11,7 @@ policy learns from all streams of its view together and acts through each of the
 | separate_local  | agent1 ..      | (agentk, agent k)                              |
 
 `separate_both` is separate_local with the pictures of the global camera beside those of the own one.
-`separate_coordinated` is separate_local, told of its subgoals while it acts
+`separate_coordinated` is separate_local with subgoals from a coordinator
 (`rf_exp.policy.inputs.coordination`).
 """
 
@@ -43,9 +43,9 @@ class Stream:
 
 @dataclass(frozen=True)
 class View:
-    """What one policy learns from and commands. All streams have as many agents, and as many cameras.
+    """Streams that one policy learns from and commands, each with as many agents and as many cameras.
 
-    Raises ArgumentError for streams that have not, or that command an agent twice.
+    Raises ArgumentError for streams that differ in these, or that command an agent twice.
     """
 
     name: str
@@ -68,7 +68,7 @@ class View:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Its fields, but for those that say nothing."""
+        """Its fields, but for neutral values."""
         streams = [without(asdict(stream), more=()) for stream in self.streams]
         return without({**asdict(self), "streams": streams}, coordinated=False)
 

@@ -1,1 +1,1 @@
-"""Training of policies, and the folder that a trained policy is kept in."""
+"""Training of policies, and the folder that holds a trained policy."""

@@ -1,14 +1,13 @@
 """The folder of a policy: configuration, weights with normaliser, curves; never a pickle.
 
-config.json         policy, acting, view, spec, train, data: what made it; written before training starts
-model.safetensors   averaged weights and normaliser, and the digest of config.json; there once finished
+config.json         policy, acting, view, spec, train, data: its provenance; written before training starts
+model.safetensors   averaged weights and normaliser, and the digest of config.json; exists once finished
 curves.csv          loss and learning rate over the steps
-state.safetensors   what an interrupted training goes on from; removed at the end
+state.safetensors   to resume an interrupted training; removed at the end
 
-Tensors are written with a SHA-256 of all that is in their file, which is checked when they are read. That
-tells of accidents; whoever makes a policy makes its checksum too. So the folder of a stranger is read as
-data: every number of its configuration has its bounds, and before a network is made, its tensors are compared
-with those of one that takes no memory.
+Tensors are written with a SHA-256 of all contents of their file, which is checked on reading. It detects
+accidents, not tampering. So the folder of a stranger is read as data: every number of its configuration is
+bounded, and before a network is created, its tensors are compared with those of one that takes no memory.
 """
 
 import hashlib
@@ -44,11 +43,11 @@ from rf_exp.policy.networks.policy import Policy
 from rf_exp.texts import printable
 
 CONFIG, STATE = "config.json", "state.safetensors"
-SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
+SAID = "rf_exp"  # the only key of a file's metadata: the order of several would be random
 CHECKSUM = "sha256"
-MATRIX = 1024  # numbers in a tensor from which on halves will do: scales and lenses have fewer
-NUMBERS = (torch.float32, torch.bfloat16)  # the types of tensors: as they were learned, or halved
-LISTED = 3  # tensors that an error names
+MATRIX = 1024  # values of a tensor from which on half precision suffices; ranges and rays have fewer
+NUMBERS = (torch.float32, torch.bfloat16)  # types of tensors: as trained, or halved
+LISTED = 3  # tensors that an error lists
 ANEW = "delete the folder and train again (stages=[train])"
 
 
@@ -62,7 +61,7 @@ def device_of(name: str) -> torch.device:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Replace a safetensors file in one go. Raises StageError where it cannot be written."""
+    """Replace a safetensors file atomically. Raises StageError where it cannot be written."""
     kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with whole(path) as draft:
         said = {**metadata, CHECKSUM: _checksum(kept, metadata)}
@@ -75,7 +74,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and metadata of a file. Raises StageError when they are not what was written."""
+    """Tensors and metadata of a file. Raises StageError where it is damaged."""
     with _opened(path) as file:
         metadata = _said(file)
         said = metadata.pop(CHECKSUM)
@@ -88,9 +87,9 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """A safetensors file; whatever damaged bytes lead to is a StageError that names it."""
+    """An open safetensors file; any error due to damaged bytes becomes a StageError that names it."""
     try:
-        path.open("rb").close()  # safetensors does not say why it cannot
+        path.open("rb").close()  # for the reason of a failure, which safetensors does not give
         with safe_open(path, "pt") as file:
             yield file
     except Exception as error:
@@ -119,7 +118,7 @@ def _damaged(path: Path, what: str) -> StageError:
 
 
 def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
-    """Take a folder for a training; whether it is finished there already. Raises as `expect_policy`."""
+    """Claim a folder for a training; returns whether it is finished already. Raises as `expect_policy`."""
     sweep(folder)
     if (folder / CONFIG).exists():
         expect_policy(folder, provenance)
@@ -129,14 +128,14 @@ def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
 
 
 def expect_policy(folder: Path, wanted: Mapping[str, Any]) -> None:
-    """Raises StageError naming what differs unless the policy of a folder is made of these values."""
+    """Raises StageError naming what differs unless a folder's policy has this provenance, but for acting."""
     found = _described(folder)
     made, asked = ({key: each.get(key) for key in wanted if key != "acting"} for each in (found, wanted))
     expect_same(folder, made, asked, "delete the folder or choose another `out`")
 
 
 def provenance(folder: Path) -> dict[str, Any]:
-    """What a trained policy was made of, and the checksum of its weights. Raises StageError where none is."""
+    """Provenance of a trained policy, with the checksum of its weights. Raises StageError if missing."""
     _require_model(folder)
     with _opened(folder / MODEL) as file:
         weights = _said(file)[CHECKSUM]
@@ -144,7 +143,7 @@ def provenance(folder: Path) -> dict[str, Any]:
 
 
 def _described(folder: Path) -> dict[str, Any]:
-    """The configuration of a policy, as plain values. Raises StageError where it is none."""
+    """The configuration of a policy, as plain values. Raises StageError for one that is no object."""
     said = read_json(folder / CONFIG, ANEW)
     if not isinstance(said, dict):
         raise StageError(f"{folder / CONFIG} holds a {type(said).__name__}; expected an object; {ANEW}")
@@ -156,8 +155,8 @@ def load_policy(
 ) -> tuple[Policy, View, ObservationSpec]:
     """A trained policy, ready to act, its view and its spec.
 
-    It acts as it was configured when it was trained, or as `acting` says.
-    Raises StageError where there is none, or one of another version of the learner.
+    It acts as configured when it was trained, or as in `acting`. Raises StageError for a policy that is
+    missing, damaged, or by another version of the learner.
     """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
@@ -182,13 +181,13 @@ def load_policy(
 
 
 def fill(module: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Give a network the tensors that are in a file. Raises StageError for others than it has."""
+    """Load the tensors of a file into a network. Raises StageError where they do not fit."""
     _check_tensors(tensors, module.state_dict(), path)
     module.load_state_dict(tensors)
 
 
 def _check_tensors(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], path: Path) -> None:
-    """Raises StageError that names what is missing, too much, of another shape or type, or not finite."""
+    """Raises StageError naming tensors that are missing, unknown, of another shape or type, or not finite."""
     wrong = [f"{name} is missing" for name in expected.keys() - found.keys()]
     wrong += [f"{name} is none of its tensors" for name in found.keys() - expected.keys()]
     for name in expected.keys() & found.keys():
@@ -209,7 +208,7 @@ def _check_tensors(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], 
 
 @contextmanager
 def _faults_of(path: Path) -> Iterator[None]:
-    """Whatever is wrong in a configuration that is read within is a StageError that names its file."""
+    """Within, any fault of a configuration becomes a StageError that names its file."""
     try:
         yield
     except KeyError as error:
@@ -219,9 +218,9 @@ def _faults_of(path: Path) -> Iterator[None]:
 
 
 def _check(said: Mapping[str, Any], config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
-    """Raises ArgumentError that names a key which is not said: its value would not be that of then.
+    """Raises ArgumentError naming missing keys, whose defaults may have changed since, and differing ones.
 
-    And where a policy would be told of arms or subgoals that its spec lacks.
+    Also where a policy observes arms or subgoals that its spec lacks.
     """
     meant = {"policy": config.learned, "acting": config.acted, "view": view.identity, "spec": spec.identity}
     if wrong := differing({key: said[key] for key in meant}, meant):
@@ -239,9 +238,9 @@ def _check(said: Mapping[str, Any], config: PolicyConfig, view: View, spec: Obse
 
 
 def write_small(folder: Path, target: Path) -> Path:
-    """A copy of a finished policy for others, with its matrices in bfloat16; returns its folder.
+    """Write a copy of a finished policy for release, with its matrices in bfloat16; returns its folder.
 
-    It is loaded like any other and computes in single precision. Raises StageError where there is none.
+    It is loaded like any other and computes in single precision. Raises StageError for a missing policy.
     """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)

@@ -1,4 +1,4 @@
-"""The curves of a training: what curves.csv in the folder of its policy holds."""
+"""Training curves: curves.csv in the folder of a policy."""
 
 import csv
 from dataclasses import asdict, dataclass, fields
@@ -12,7 +12,7 @@ CURVES = "curves.csv"
 
 @dataclass(frozen=True)
 class Curve:
-    """How training goes, averaged since the last one: a row of curves.csv."""
+    """One row of curves.csv; loss and speed are averages since the last row."""
 
     step: int
     steps: int  # of the whole training
@@ -27,14 +27,14 @@ KINDS: dict[str, Any] = {each.name: each.type for each in fields(Curve)}
 
 
 def read_curves(path: Path) -> list[Curve]:
-    """The rows that are written whole, also while a training goes on. Raises FileNotFoundError."""
+    """The complete rows of a file, also during training. Raises FileNotFoundError."""
     with path.open(newline="") as file:
         lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
     return [Curve(**{name: KINDS[name](row[name]) for name in KINDS}) for row in csv.DictReader(lines)]
 
 
 def begin_curves(path: Path, step: int) -> None:
-    """A file with the rows up to `step`: those beyond are of an interrupted run."""
+    """Start a file with the rows up to `step`: later ones are of an interrupted run."""
     kept = [curve for curve in read_curves(path) if curve.step <= step] if path.exists() else []
     with whole(path) as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, KINDS)

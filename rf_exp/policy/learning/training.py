@@ -1,8 +1,8 @@
-"""The one training loop: a store and a view in, a folder with a policy out.
+"""Training loop: a store and a view in, a folder with a policy out.
 
-What is learned, from which loss and for how long is a list of fits, which the policy says. Every random
-number of step k comes from (seed, k) and every epoch's order from (seed, epoch), so going on after an
-interruption needs no generator state and gives the same weights, bit for bit on a CPU.
+The policy gives a list of fits: what is trained, by which loss and for how long. Every random number of step
+k comes from (seed, k) and every epoch's order from (seed, epoch), so resuming after an interruption needs no
+generator state and gives the same weights, bit for bit on a CPU.
 """
 
 import csv
@@ -62,13 +62,13 @@ def train(
 ) -> Path:
     """Train one policy into its folder (layout: `rf_exp.policy.learning.checkpoint`) and return the folder.
 
-    A first fit that other trainings may share is taken from the folder `shared` where one of them has left
-    it, or left there. The weights are those of one that has done it itself.
+    A first fit that other trainings may share is read from the folder `shared` if one of them has written it
+    there, or else written there. The resulting weights are the same as without sharing.
 
-    A finished folder of the same configuration is returned untouched, an unfinished one is gone on with.
-    Ctrl-C and SIGTERM are answered between two steps by a KeyboardInterrupt, once the state is written.
-    Raises StageError when the folder holds another configuration or the loss is no longer finite,
-    ArgumentError when the store does not fit the view or the pictures.
+    A finished folder of the same configuration is returned untouched, an unfinished one is resumed. Ctrl-C
+    and SIGTERM raise a KeyboardInterrupt between two steps, once the state is written. Raises StageError when
+    the folder holds another configuration or the loss is no longer finite, ArgumentError when the store does
+    not fit the view or the pictures.
     """
     provenance = {
         "learner": LEARNER,
@@ -110,7 +110,7 @@ def train(
 
 @contextmanager
 def deferred_interrupt() -> Iterator[threading.Event]:
-    """Within, Ctrl-C and SIGTERM only set the event: no step is torn. A second Ctrl-C acts at once."""
+    """Within, Ctrl-C and SIGTERM only set the event: steps are completed. A second Ctrl-C acts at once."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event  # signals reach the main thread only
@@ -131,7 +131,7 @@ def deferred_interrupt() -> Iterator[threading.Event]:
 
 
 def learning_rate(config: TrainConfig, step: int, steps: int) -> float:
-    """Linear warm-up, then half a cosine down to zero at the end of so many steps (paper, supplementary)."""
+    """Linear warm-up, then half a cosine down to zero at the end of `steps` (paper, supplementary)."""
     if step < config.warmup_steps:
         return config.learning_rate * (step + 1) / config.warmup_steps
     part = (step - config.warmup_steps) / max(1, steps - config.warmup_steps)
@@ -139,7 +139,7 @@ def learning_rate(config: TrainConfig, step: int, steps: int) -> float:
 
 
 class Training:
-    """The state of a training between two steps."""
+    """State of a training between two steps."""
 
     def __init__(
         self, windows: Windows, view: View, policy_config: PolicyConfig, train_config: TrainConfig
@@ -151,14 +151,14 @@ class Training:
             torch.manual_seed(train_config.seed)
             self.policy = Policy(policy_config, view, windows.spec)
         self.policy.to(self._device).normaliser.fit(windows)
-        if self._device.type == "cpu":  # GroupNorm on CUDA wants NCHW, the CPU's convolutions do not
+        if self._device.type == "cpu":  # GroupNorm on CUDA prefers NCHW, convolutions on a CPU do not
             self.policy.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         budget = train_config.steps or (train_config.epochs or 0) * self._per_epoch
         self.fits = self.policy.fits(windows)
-        # The first step of each fit, and the last of all.
+        # First step of each fit, and the total number of steps.
         self._bounds = [0, *accumulate(budget if fit.steps is None else fit.steps for fit in self.fits)]
         self.steps = self._bounds[-1]
-        self.step_number = 0  # of those that are done
+        self.step_number = 0  # number of completed steps
         self._parameters = list(self.policy.parameters())
         self._optimiser = torch.optim.AdamW(
             self._parameters,
@@ -168,18 +168,18 @@ class Training:
             fused=True,
         )
         self._average = self._ema(self._parameters)
-        # What is learned now, and an average of that alone.
+        # Average and parameters of the current fit.
         self._learned: tuple[EMAModel, list[nn.Parameter]] | None = None
-        self._order: Sequence[NDArray[np.int64]] = ()  # of the windows of this epoch, in batches
+        self._order: Sequence[NDArray[np.int64]] = ()  # windows of this epoch, in batches
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
-        self._samples, self._since = 0, time.perf_counter()  # the same of windows, and when that was
-        # Where what is learned first lies, or will, for other trainings too.
+        self._samples, self._since = 0, time.perf_counter()  # windows since the last curve, and its time
+        # File of the first fit, shared with other trainings.
         self.first_fit: Path | None = None
         self._began_s = time.process_time()
 
     @property
     def done(self) -> bool:
-        """Whether all fits are."""
+        """Whether all fits are done."""
         return self.step_number == self.steps
 
     def step(self) -> Curve | None:
@@ -196,7 +196,7 @@ class Training:
         rng = np.random.default_rng([config.seed, CROPS, number])
         noise_seed = int(np.random.SeedSequence([config.seed, NOISE, number]).generate_state(1)[0])
         generator = torch.Generator(self._device).manual_seed(noise_seed)
-        # Small networks wait for kernels to be launched, and bfloat16 has places a pixel apart.
+        # Small networks are bound by kernel launches, and bfloat16 would round places to a pixel.
         mixed = self._device.type == "cuda" and self.policy.config.encoder.large
         with (
             torch.autocast(self._device.type, torch.bfloat16, enabled=mixed),
@@ -223,24 +223,24 @@ class Training:
 
     @property
     def _current(self) -> int:
-        """The number of the fit of this step."""
+        """Index of the fit of this step."""
         return next(k for k, last in enumerate(self._bounds[1:]) if self.step_number < last)
 
     def _begin(self) -> None:
-        """What the current fit learns has an average; all else equals its own, which need not be kept up."""
+        """Start a fit: its parameters are trained and averaged; all others equal their averages."""
         learned = {id(weight) for part in self.fits[self._current].parts for weight in part.parameters()}
         chosen = [k for k, weight in enumerate(self._parameters) if id(weight) in learned]
         for weight in self._parameters:
             weight.requires_grad_(id(weight) in learned)
         average = self._ema([self._parameters[k] for k in chosen])
         average.shadow_params = [self._average.shadow_params[k] for k in chosen]
-        # It does not warm up anew, so of a late and short fit, as that of the U-Net of `fast`, nearly half of
-        # how it began stays. Warmed up anew, Take Photo succeeds less often (docs/recipe_ablation.md).
+        # It does not warm up anew, so in a late and short fit, as that of the U-Net of `fast`, nearly half of
+        # the initial value stays. Warmed up anew, Take Photo succeeds less often (docs/recipe_ablation.md).
         average.optimization_step = self.step_number
         self._learned = average, [self._parameters[k] for k in chosen]
 
     def _settle(self) -> None:
-        """What a fit has learned stays, averaged, and what follows from it is done."""
+        """Finish a fit: keep its averaged weights, call its `settle`, and share a first fit."""
         self._average.copy_to(self._parameters)
         self._learned = None
         self.fits[self._current - 1].settle()
@@ -248,8 +248,8 @@ class Training:
             self._write(self.first_fit, self.fits[0].parts[0].state_dict())
 
     def _ema(self, parameters: Sequence[nn.Parameter]) -> "EMAModel":
-        """An average over time of parameters, from now on."""
-        from diffusers.training_utils import EMAModel  # slow to import: for who learns, not who looks on
+        """Exponential moving average of parameters, from now on."""
+        from diffusers.training_utils import EMAModel  # slow to import, and needed in training only
 
         decay, power = self._config.ema_max_decay, self._config.ema_power
         return EMAModel(parameters, decay=decay, use_ema_warmup=True, power=power, foreach=True)
@@ -270,11 +270,11 @@ class Training:
 
     @property
     def _spent_s(self) -> float:
-        """CPU seconds of all threads since the beginning, in earlier processes too."""
+        """CPU seconds of all threads since the beginning, earlier processes included."""
         return round(time.process_time() - self._began_s, 2)
 
     def averaged(self) -> Policy:
-        """The policy with its averaged weights, for acting. Training cannot go on from it."""
+        """The policy with its averaged weights, for acting. Training cannot be continued from it."""
         self._average.copy_to(self._parameters)
         return self.policy.eval()
 
@@ -293,7 +293,7 @@ class Training:
         write_tensors(path, tensors | {"loss": self._loss}, said)
 
     def resume(self, path: Path) -> None:
-        """Go on from a saved state, or a first fit, if there is one. Raises StageError for another's."""
+        """Resume from a saved state or first fit, if any. Raises StageError for one of another training."""
         found = next((each for each in (path, self.first_fit) if each is not None and each.exists()), None)
         if found is None:
             return
@@ -317,7 +317,7 @@ class Training:
             ) from error
 
     def _restore(self, found: Path, tensors: dict[str, Tensor]) -> None:
-        """The weights, their averages and the moments of the optimiser, of a state that was saved."""
+        """Load weights, their averages and the moments of the optimiser from a saved state."""
         parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         for key, value in tensors.items():
             part, name = key.split(".", 1)
@@ -328,7 +328,7 @@ class Training:
         moments: dict[int, dict[str, Tensor]] = {}
         for key, value in parts["optimiser"].items():
             index, name = key.split(".", 1)
-            if value.dim():  # fused AdamW walks the memory: moments must lie as their parameter does
+            if value.dim():  # fused AdamW needs moments in the memory layout of their parameter
                 value = torch.empty_like(self._parameters[int(index)]).copy_(value)
             moments.setdefault(int(index), {})[name] = value
         groups = self._optimiser.state_dict()["param_groups"]

@@ -1,1 +1,1 @@
-"""Networks: encoders of pictures, heads that give actions, and what they are put together from."""
+"""Networks: encoders of pictures, heads that predict actions, and the policy composed of them."""

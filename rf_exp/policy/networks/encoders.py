@@ -1,4 +1,4 @@
-"""Encoders that learn with the head: the paper's ResNet-18 with GroupNorm, and a compact one for a CPU.
+"""Encoders trained with the head: the paper's ResNet-18 with GroupNorm, and a compact one for CPUs.
 
 Neither uses pretrained weights.
 """
@@ -39,7 +39,7 @@ class BasicBlock(nn.Module):
 
 
 class _Layers(Encoder):
-    """Whatever its layers make of a picture."""
+    """Encoder that applies the given layers."""
 
     def __init__(self, layers: nn.Module) -> None:
         super().__init__()
@@ -74,10 +74,10 @@ class SpatialSoftmax(nn.Module):
 
 
 class Compact(_Layers):
-    """Three small convolutions and a spatial softmax: where things are, at a hundredth of ResNet's cost.
+    """Compact encoder: three small convolutions and a spatial softmax, at a hundredth of ResNet's cost.
 
-    The first convolution divides the resolution by 4 at once: most of the time would go into the large
-    maps, and the softmax finds places between their cells.
+    The first convolution has a stride of 4: larger maps would take most of the time, and the softmax locates
+    features between cells.
     """
 
     features = 64

@@ -1,10 +1,10 @@
-"""Heads: regression, a U-Net that takes noise off by diffusion, and the second on top of the first.
+"""Heads: regression, diffusion by a U-Net, and regression refined by diffusion.
 
 The U-Net is that of Diffusion Policy (Chi et al. 2023, CNN variant; the paper's section 4 uses it at a
-horizon of 8), put together from diffusers' blocks. Every residual block is modulated by scale and bias (FiLM)
-from the diffusion step and the observation. All FiLM projections live in one linear layer: it is one matrix
-product instead of one for each block, and because W [step; observation] = W_step step + W_obs observation,
-the step part is a table over the diffusion steps and the observation part is computed once for each.
+horizon of 8), built from diffusers' blocks. Every residual block is modulated by scale and bias (FiLM) from
+the diffusion step and the observation. All FiLM projections are one linear layer: one matrix product instead
+of one for each block. Because W [step; observation] = W_step step + W_obs observation, the step part is a
+table over the diffusion steps, and the observation part is computed once for each observation.
 """
 
 import warnings
@@ -39,7 +39,7 @@ SCHEDULERS = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}
 
 
 class RegressionHead(Head):
-    """A perceptron with dropout."""
+    """Regression head: a perceptron with dropout."""
 
     def __init__(self, config: RegressionConfig, condition: int, horizon: int, actions: int) -> None:
         super().__init__()
@@ -84,7 +84,7 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         action_size: int,
         observation_size: int,
         channels: tuple[int, ...] = (256, 512, 1024),
-        given: int = 0,  # channels along time that are known, beside the noisy actions
+        given: int = 0,  # known channels over time, beside the noisy actions
     ) -> None:
         super().__init__()
         if len(channels) < 2 or any(width <= 0 or width % GROUPS for width in channels):
@@ -101,13 +101,13 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         self.middle = self._modulated(MidResTemporalBlock1D(channels[-1], channels[-1], embed_dim=1))
         self.up = nn.ModuleList(self._modulated(block) for block in up)
         self.out = OutConv1DBlock(GROUPS, action_size, channels[0], "mish")
-        if given:  # what is learned is added to it, from nothing on
+        if given:  # the output is added to the given chunk: it starts at zero
             nn.init.zeros_(self.out.final_conv1d_2.weight)
             nn.init.zeros_(self.out.final_conv1d_2.bias)  # pyright: ignore[reportArgumentType]
         self.film = nn.Linear(STEP_SIZE + observation_size, self._film_size)
 
     def _modulated(self, block: nn.Module) -> nn.Module:
-        """The block of diffusers with its residual blocks exchanged for modulated ones."""
+        """A block of diffusers with its residual blocks replaced by `FilmBlock`s."""
         blocks = nn.ModuleList()
         for resnet in block.resnets:  # pyright: ignore[reportGeneralTypeIssues]
             conv = resnet.conv_in.conv1d
@@ -126,7 +126,7 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         return functional.linear(mish(observation), self.film.weight[:, STEP_SIZE:], self.film.bias)
 
     def modulated(self, sample: Tensor, film: Tensor) -> Tensor:
-        """The network for noisy actions with what is given (B, T, A + G) and FiLM (B, F) -> (B, T, A)."""
+        """The U-Net: noisy actions and given channels (B, T, A + G), FiLM vector (B, F) -> (B, T, A)."""
         hidden, skips = sample.transpose(1, 2), []
         for block in self.down:
             hidden, states = block(hidden, film)
@@ -137,16 +137,16 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         return self.out(hidden).transpose(1, 2)
 
     def quick(self, sample: Tensor, film: Tensor) -> Callable[[Tensor, Tensor], Tensor]:
-        """`modulated` for values like these in any number of rows, without Python between its operations.
+        """`modulated`, traced for inputs like these with any number of rows: no Python between operations.
 
-        They are the same to the last bit; a single row on a CPU takes a third of the time by it
-        (benchmarks/policy_call.py). Weights are the module's own, in the mode that it is in. On a GPU it is a
-        graph of kernels for just as many rows, and the next call overwrites what the last one returned.
+        Results are the same to the last bit; a single row on a CPU takes a third of the time
+        (benchmarks/policy_call.py). It uses the module's own weights, in its current mode. On a GPU it is a
+        CUDA graph for exactly as many rows, and the next call overwrites what the last one returned.
         """
         if sample.is_cuda:
             return self._captured(sample, film)
         with warnings.catch_warnings(), torch.inference_mode(False), torch.no_grad():
-            warnings.simplefilter("ignore")  # of sizes that depend on the data: these depend on the network
+            warnings.simplefilter("ignore")  # about sizes that depend on data: these depend on the network
             shapes = (torch.zeros(2, *sample.shape[1:]), torch.zeros(2, *film.shape[1:]))
             traced = torch.jit.trace_module(self, {"modulated": shapes}, check_trace=False)
         return traced.modulated  # pyright: ignore[reportReturnType]
@@ -155,7 +155,7 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
     def _captured(self, sample: Tensor, film: Tensor) -> Callable[[Tensor, Tensor], Tensor]:
         inputs, beside = (sample.clone(), film.clone()), torch.cuda.Stream(sample.device)
         beside.wait_stream(torch.cuda.current_stream(sample.device))
-        with torch.cuda.stream(beside):  # libraries choose their kernels in a first call, and may wait there
+        with torch.cuda.stream(beside):  # warm-up: a first call chooses kernels, and may synchronise
             self.modulated(*inputs)
         torch.cuda.current_stream(sample.device).wait_stream(beside)
         graph = torch.cuda.CUDAGraph()
@@ -175,16 +175,16 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         """Noisy actions (B, T, A), diffusion steps (B,), observation (B, C) -> prediction (B, T, A).
 
         T must be a multiple of 2 ** (levels - 1). Reference computation: sampling and training use the
-        parts above, which a test holds to this one.
+        parts above, which a test compares with it.
         """
         embedding = self.step_embedding(self.step_features(steps).to(sample.dtype))
         return self.modulated(sample, self.film(mish(torch.cat([embedding, observation], dim=1))))
 
 
 class DiffusionHead(Head):
-    """Hidden layers, then a U-Net that takes noise off. Given a chunk, it learns the difference from that.
+    """Diffusion head: hidden layers, then a denoising U-Net. Given a chunk, it learns the difference from it.
 
-    What stays the same is computed once: the FiLM table over the diffusion steps, the projected condition.
+    Constant parts are computed once: the FiLM table over the diffusion steps, the projected condition.
     """
 
     def __init__(
@@ -195,7 +195,7 @@ class DiffusionHead(Head):
         sizes = [condition, *config.trunk]
         self.trunk = nn.Sequential(*hidden(sizes))
         self.unet = ConditionalUNet1D(actions, sizes[-1], config.channels, actions if refines else 0)
-        # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
+        # "trailing" starts at the noisiest step; diffusers' default would start DDIM below it.
         self.scheduler = SCHEDULERS[config.sampler](
             config.train_timesteps,
             beta_schedule="squaredcos_cap_v2",
@@ -206,18 +206,18 @@ class DiffusionHead(Head):
         if config.inference_steps:
             self.scheduler.set_timesteps(config.inference_steps)
         self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
-        self._quick: Callable[[Tensor, Tensor], Tensor] | None = None  # the U-Net, then
-        self._rows = 0  # that it was made for
+        self._quick: Callable[[Tensor, Tensor], Tensor] | None = None  # traced U-Net, likewise
+        self._rows = 0  # number of rows that `_quick` was made for
 
     def train(self, mode: bool = True) -> "DiffusionHead":
-        # Weights may change: what was derived from them is not valid.
+        # Weights may change, which invalidates what was derived from them.
         self._film_table, self._quick, self._rows = None, None, 0
         return super().train(mode)
 
     def loss(
         self, condition: Tensor, actions: Tensor, generator: torch.Generator, given: Tensor | None = None
     ) -> Tensor:
-        """Error of the prediction over some draws of step and noise for each row."""
+        """Prediction error over `noise_draws` draws of step and noise for each row."""
         device, draws, count = actions.device, self._config.noise_draws, self._config.train_timesteps
         clean = actions.repeat_interleave(draws, dim=0)
         noise = torch.randn(clean.shape, generator=generator, device=device)
@@ -244,7 +244,7 @@ class DiffusionHead(Head):
         steps = self.scheduler.timesteps
         if self._film_table is None:
             self._film_table = self.unet.film_of_steps(steps.to(condition.device))
-        # A graph of a GPU's kernels has its number of rows, and wants a GPU, which a test may lack.
+        # A CUDA graph is for one number of rows, and needs a GPU, which a test may lack.
         anew = self._rows != shape[0] and torch.cuda.is_available() if sample.is_cuda else self._rows == 0
         if anew:
             known = sample if given is None else torch.cat([sample, given], dim=2)
@@ -257,7 +257,7 @@ class DiffusionHead(Head):
         return sample
 
     def _predicted(self, noisy: Tensor, film: Tensor, given: Tensor | None) -> Tensor:
-        """The prediction of the U-Net: with a chunk of clean actions, its difference from that."""
+        """Prediction of the U-Net; with a given chunk, the sum of that and the predicted difference."""
         network = self._quick or self.unet.modulated
         if given is None:
             return network(noisy, film)
@@ -265,7 +265,7 @@ class DiffusionHead(Head):
 
 
 class RefinedHead(Head):
-    """Regression, learned first and then left as it is; diffusion learns what to change about its chunk."""
+    """Refined head: regression, trained first and then frozen; diffusion learns to correct its chunk."""
 
     def __init__(self, config: RefinedConfig, condition: int, horizon: int, actions: int) -> None:
         super().__init__()
@@ -286,7 +286,7 @@ class RefinedHead(Head):
 
     @torch.no_grad()
     def _given(self, condition: Tensor) -> Tensor:
-        """(B, T, A), which no gradient of the refinement reaches."""
+        """The regression chunk (B, T, A), without dropout and gradients."""
         training = self.regression.training
         given = self.regression.eval().layers(condition)
         self.regression.train(training)

@@ -1,7 +1,7 @@
-"""The interfaces of learning: an encoder of pictures, a head that predicts actions, a fit; hidden layers.
+"""Interfaces of learning: an encoder of pictures, a head that predicts actions, a fit; hidden layers.
 
-A policy is an encoder, a head and what lies between them (`rf_exp.policy.networks.policy`); it knows none by
-name. A training is a list of fits (`rf_exp.policy.learning.training`), composed by encoder and head.
+A policy (`rf_exp.policy.networks.policy`) connects an encoder and a head by these interfaces alone. A
+training is a list of fits (`rf_exp.policy.learning.training`), composed by encoder and head.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ from rf_exp.policy.examples.windows import Windows
 
 
 def hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
-    """Linear layers between these sizes, each with Mish behind it."""
+    """Linear layers between these sizes, each followed by Mish and, if given, dropout."""
     for inputs, outputs in pairwise(sizes):
         yield from (nn.Linear(inputs, outputs), nn.Mish())
         if dropout:
@@ -27,87 +27,87 @@ def hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
 
 @dataclass(frozen=True)
 class Draw:
-    """What one step of a training learns from, and its random numbers."""
+    """Windows of one training step, and its random number generators."""
 
     windows: NDArray[np.int64]  # (B,)
-    weights: Tensor  # (B,) how much each counts, where what is learned is how often something is so
+    weights: Tensor  # (B,) of the windows, for losses that estimate probabilities
     rng: np.random.Generator
     generator: torch.Generator
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A stretch of training: these parts learn from this loss, and nothing else does."""
+    """A stretch of training in which only `parts` learn, from `loss`."""
 
     parts: Sequence[nn.Module]
-    loss: Callable[..., Tensor]  # of a Draw; of a head: of condition, actions and generator
+    loss: Callable[..., Tensor]  # takes a Draw; from a head: condition, actions, generator
     steps: int | None = None  # None: the training's own budget
-    rate: float = 1.0  # of learning, as a multiple of the training's
-    # Once it is learned and averaged; doing it again changes nothing.
+    rate: float = 1.0  # learning rate, as a multiple of the training's
+    # Called once the fit is done and its weights are averaged; idempotent.
     settle: Callable[[], None] = lambda: None
-    # Of a first fit that other trainings may share: what decides it, beside data, view and pace of training.
+    # For a first fit that other trainings may share: what it depends on beside data, view and training pace.
     shared: Mapping[str, Any] | None = None
 
 
 class Encoder(nn.Module):
-    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, F).
+    """Encoder: pictures (B, 3, H, W) in [-1, 1] -> features (B, F).
 
-    Made with its configuration, a view and a spec. Who only computes features from pictures sets `features`
-    and overrides `forward`. As it is it looks at nothing.
+    Constructed with its configuration, a view and a spec. A subclass that only computes features from
+    pictures sets `features` and overrides `forward`. The base class uses no pictures.
     """
 
-    features = 0  # F; 0: looks at nothing
+    features = 0  # F; 0: no pictures are used
 
     def __init__(self, *_: Any) -> None:
         super().__init__()
 
     @property
     def size(self) -> int:
-        """Numbers that the head is given of a picture."""
+        """Number of values per frame that `conditioning` gives."""
         return self.features
 
     @property
     def usual_rays(self) -> Tensor | None:
-        """(S, K, 3, 4) of the cameras of S streams, where these usually stand; None: it need not know."""
+        """(S, K, 3, 4) of the cameras of S streams, as usually mounted; None: it needs no rays."""
         return None
 
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
-        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there.
+        """Features (B, F), and the places (B, M, 2), from 0 to 1, of detected points, if any.
 
-        `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.pictures`. None: as
-        usual, of one picture of each stream.
+        `rays` (B, K, 3, 4) are those of the K cameras, see `rf_exp.policy.inputs.pictures`. None: the usual
+        ones, for one picture of each stream.
         """
         return self(pictures), None
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
-        """Features (B, O, F) as the head learns from them."""
+        """Features (B, O, F) with the noise of the training of the head."""
         return features
 
     def moved(self, features: Tensor, hands: Tensor) -> Tensor:
-        """Features (B, O, F) where own hands (B, O, n, 3 * P + HEADING) are elsewhere than they are seen."""
+        """Features (B, O, F) with the own grippers displaced by `hands` (B, O, n, 3 * P + HEADING)."""
         return features
 
     def conditioning(self, features: Tensor, context: Tensor) -> Tensor:
-        """What the head is given (B, O, size) of features (B, O, F), where the context is (B, O, C)."""
+        """Inputs of the head (B, O, size) from features (B, O, F) and context (B, O, C)."""
         return features
 
     def offsets(self, features: Tensor, context: Tensor) -> Tensor:
-        """From the TCPs of the own agents to where their grippers change next (B, O, n, 3), in m.
+        """Offsets (B, O, n, 3), in m, from the TCPs of the own agents to their next keyframes.
 
-        `policy.goal_gate` asks for them, of an encoder whose configuration says `keypoints`, and of no other.
+        For `policy.goal_gate`, which requires an encoder whose configuration has `keypoints`.
         """
         raise NotImplementedError
 
     def fit(self, examples: Windows) -> Fit | None:
-        """Its own fit, before all others, after which it stays as it is; None: it learns with the head."""
+        """Its own fit, before all others, after which it is frozen; None: it is trained with the head."""
         return None
 
 
 class Head(nn.Module):
-    """A condition (B, C) -> actions (B, T, A) in [-1, 1]; made with its configuration, and C, T and A."""
+    """Head: condition (B, C) -> actions (B, T, A) in [-1, 1]; constructed with configuration, C, T and A."""
 
     def loss(self, condition: Tensor, actions: Tensor, generator: torch.Generator) -> Tensor:
-        """What is made small: of conditions (B, C) and the actions (B, T, A) that were right there."""
+        """Training loss for conditions (B, C) and demonstrated actions (B, T, A)."""
         raise NotImplementedError
 
     def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
@@ -115,5 +115,5 @@ class Head(nn.Module):
         raise NotImplementedError
 
     def fits(self) -> list[Fit]:
-        """How it is learned: all of it at once, unless it says otherwise."""
+        """The fits of its training, in order; by default a single one of the whole head."""
         return [Fit([self], self.loss)]

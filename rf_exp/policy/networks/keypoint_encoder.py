@@ -1,14 +1,14 @@
-"""The keypoint encoder: one heat map for each keypoint, read to millimetres.
+"""Keypoint encoder: one heat map for each keypoint, which localises it to millimetres.
 
-A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over
-its cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's
-peak is a picture coordinate finer than a cell, and calibration says along which ray that is seen. How far
-along is told by the height of the keypoint above the table, which is learned (a hand grips what lies on
-a table as high wherever it lies), and by the ray of a second camera, where there is one. A camera that has
-moved, and whose calibration is known, sees as well as before.
+A small convolutional trunk keeps a quarter of the picture's resolution; each keypoint has a map over its
+cells, trained with the cross entropy to the place of the keypoint (Tompson et al. 2014). The centre of a
+map's peak is a picture coordinate finer than a cell, and the camera calibration gives its ray. The distance
+along the ray follows from the height of the keypoint above the table, which is predicted (an object on a
+table is gripped at the same height wherever it lies), and from the ray of a second camera, if there is one. A
+camera that has moved loses no accuracy as long as its calibration is known.
 
-Heat maps cover the picture downsampled, so that they are cheap. What they have found to a pixel of that, crop
-refinement finds to a fraction of a pixel of the whole picture, by a few small squares of it.
+To be cheap, heat maps cover the downsampled picture and find keypoints to a pixel of that. Crop refinement
+then finds them to a fraction of a pixel of the full picture, in a few small square crops of it.
 """
 
 from dataclasses import asdict, dataclass
@@ -30,29 +30,29 @@ from rf_exp.policy.inputs.view import View
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit
 
 CHANNELS = 32
-POOLED = 32  # numbers that describe what is seen at a keypoint
-PEAK = 5  # cells, side of the square round the largest one whose middle is taken
-PLACED = 3 * len(HAND)  # of a keypoint: TCP (m), other points as seen from it (m); then heading, how sure
-OUT = PLACED + HEADING + 1
-NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
-# Of the parts of the loss beside the cross entropies.
+POOLED = 32  # features pooled at a keypoint
+PEAK = 5  # cells, side of the square around the maximum of a map over which the mean is taken
+PLACED = 3 * len(HAND)  # per keypoint: TCP, other points relative to it (m)
+OUT = PLACED + HEADING + 1  # with heading and confidence
+NEXT = OUT + 3 + 3  # features of the next goal of an own arm: keypoint, offset, clipped offset
+# Weights of the loss terms beside the cross entropies.
 PIXEL_WEIGHT, HEADING_WEIGHT, HEIGHT_WEIGHT = 0.05, 1.0, 0.2
-LEAST_SPREAD_M = 0.005  # of heights, to which they are scaled: less is noise
-# Standard deviations: of a point from a ray that is trusted, and from its mean, whatever is seen.
+LEAST_SPREAD_M = 0.005  # least standard deviation that heights are scaled by: less is noise
+# Standard deviations of a point: from the ray of a certain detection, and, as a prior, from its mean.
 RAY_STD_M, PRIOR_STD_M = 0.005, 0.5
-LEAST_ERROR_M = 0.001  # of a height
-DECAY = 0.99  # of how far heights are off, from one batch to the next
-# Of crop refinement: channels; pixels of the picture to a cell of a square; and in training, how far the
-# middle of a square is from its keypoint at most, as a part of its side.
+LEAST_ERROR_M = 0.001  # least error of a predicted height
+DECAY = 0.99  # decay per batch of the running mean error of heights
+# Crop refinement: channels; pixels of the picture per cell of a crop; and the largest offset of a crop from
+# its keypoint in training, as a fraction of its side.
 WIDE, STRIDE, REACH = 16, 2, 0.25
-MIDDLE = 0.5  # of the pixel at which a kernel stands
-# Another light. Half ranges of logarithms, but for the grey: a pilot with these held from 0.35 to 1.5 times
-# the usual light.
+MIDDLE = 0.5  # offset of the centre of a pixel, on which kernels are centred
+# Photometric augmentation: ranges of logarithms, but for the share of grey. A pilot with these held from 0.35
+# to 1.5 times the usual light.
 GAIN, TINT, GAMMA, GREY = (-0.7, 0.5), (-0.3, 0.3), (-0.4, 0.4), (0.0, 0.5)
 
 
 class _Dilated(nn.Module):
-    """A residual 3x3 convolution whose taps lie `apart` cells apart."""
+    """Residual 3x3 convolution with a dilation of `apart` cells."""
 
     def __init__(self, apart: int) -> None:
         super().__init__()
@@ -64,7 +64,7 @@ class _Dilated(nn.Module):
 
 
 class _Each(nn.Module):
-    """A small network with a linear path beside it for each of M keypoints: (B, M, I) -> (B, M, O)."""
+    """Separate small networks with a linear skip path for each of M keypoints: (B, M, I) -> (B, M, O)."""
 
     def __init__(self, keypoints: int, inputs: int, hidden: int, outputs: int) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ class _Each(nn.Module):
 
 
 class CropRefinement(nn.Module):
-    """Squares of `side` pixels round K places -> where in them the K points are, and what is seen there."""
+    """Crop refinement: locates K points in square crops of `side` pixels around K coarse places."""
 
     def __init__(self, points: int, side: int) -> None:
         super().__init__()
@@ -95,21 +95,18 @@ class CropRefinement(nn.Module):
             )
 
         self.trunk = nn.Sequential(layer(3, 5, STRIDE), layer(WIDE, 3), layer(WIDE, 3, apart=2))
-        # Each point has a map of its own: one product of what is seen with K vectors, of which one counts.
+        # One vector per point; its map is the product of the vector with the features of its own crop.
         self.points = nn.Parameter(torch.randn(points, WIDE) / WIDE**0.5)
 
     def forward(self, pictures: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
-        """Of pictures (B, 3, H, W), places (B, K, 2) from 0 to 1 -> the places looked at again (B, K, 2).
-
-        And what is seen there (B, K, WIDE).
-        """
+        """Pictures (B, 3, H, W), places (B, K, 2) from 0 to 1 -> refined places, features (B, K, WIDE)."""
         return self._read(*self._look(pictures, places), _size(pictures))
 
     def loss(self, pictures: Tensor, places: Tensor, true: Tensor) -> tuple[Tensor, Tensor]:
-        """What it learns from, where the points really are (B, K, 2), of which NaN counts for nothing.
+        """Training loss for the true places (B, K, 2) of the points, and the features there (B, K, WIDE).
 
-        How far in pixels they are seen off, and the cross entropy of the maps: with the first alone they
-        are a third further off. And what is seen there (B, K, WIDE).
+        NaN and places outside the picture are ignored. The loss is the error in pixels plus the cross entropy
+        of the maps: with the first alone errors are a third larger.
         """
         known, size = inside_picture(true), _size(pictures)
         reach = REACH * self._side / size
@@ -125,13 +122,10 @@ class CropRefinement(nn.Module):
         return PIXEL_WEIGHT * off + cross, there
 
     def _look(self, pictures: Tensor, places: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The maps (B, K, h, w) of squares, as logits, and what is seen (B, K, WIDE, h, w).
-
-        And their upper left corners (B, K, 2) in pixels.
-        """
+        """Maps (B, K, h, w) of crops, as logits; features (B, K, WIDE, h, w); upper left corners (B, K, 2)."""
         size = _size(pictures)
         corners = (places.detach() * size - self._side / 2).round().long()
-        corners = corners.clamp_min(0).minimum(size - self._side)  # wholly inside
+        corners = corners.clamp_min(0).minimum(size - self._side)  # wholly inside the picture
         along = torch.arange(self._side, device=places.device)
         columns, rows = (corners[..., axis, None] + along for axis in (0, 1))  # (B, K, side)
         which = torch.arange(len(places), device=places.device)[:, None, None, None]
@@ -140,7 +134,7 @@ class CropRefinement(nn.Module):
         return torch.einsum("bkchw,kc->bkhw", seen, self.points), seen, corners
 
     def _read(self, maps: Tensor, seen: Tensor, corners: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
-        """Where maps say that points are (B, K, 2), from 0 to 1, and what is seen there (B, K, WIDE)."""
+        """Mean places (B, K, 2) of the maps, from 0 to 1 in the picture, and features there (B, K, WIDE)."""
         maps = functional.softmax(maps.flatten(2), dim=2).view_as(maps)
         there = torch.einsum("bkhw,bkchw->bkc", maps, seen)
         rows, columns = (
@@ -152,26 +146,26 @@ class CropRefinement(nn.Module):
 
 @dataclass(frozen=True)
 class _Read:
-    """What is read of B pictures, by each of the K cameras."""
+    """Readout of the heat maps of B pictures, for each of K cameras."""
 
     places: Tensor  # (B, K * M * P, 2) in the picture, from 0 to 1
-    rise: Tensor  # (B, K * M * P) heights above their mean, in spreads
+    rise: Tensor  # (B, K * M * P) heights above their mean, in units of `spread`
     headings: Tensor  # (B, K * M, HEADING)
-    sure: Tensor  # (B, K * M) trust
-    scene: Tensor  # (B, K * M * POOLED + CHANNELS) what is seen at the keypoints, and all over
+    sure: Tensor  # (B, K * M) confidence: probability mass of the peak
+    scene: Tensor  # (B, K * M * POOLED + CHANNELS) features at the keypoints, and their mean over the picture
 
 
 class KeypointEncoder(Encoder):
     """Pictures (B, 3, H, W) in [-1, 1] of K cameras side by side -> features (B, M * OUT + N * S).
 
-    Of M keypoints, each P = len(HAND) points: of each own agent at its keyframes, and of all agents now. And
-    of each of N others how likely it is at each of S subgoals.
+    M keypoints of P = len(HAND) points each: every own agent at its keyframes and at the end, and all agents
+    now; then the probabilities of S subgoals for each of N other agents.
     """
 
-    usual: Tensor  # (S, K, 3, 4) rays of the cameras of S streams where they usually stand
-    centre: Tensor  # (M * P, 3) m, the mean of each point, in the footprint of the arm
-    spread: Tensor  # (M * P,) m, the standard deviation of its height
-    height_error: Tensor  # (M * P,) m, how far off heights are that are told
+    usual: Tensor  # (S, K, 3, 4) rays of the cameras of S streams, as usually mounted
+    centre: Tensor  # (M * P, 3) m, mean of each point, in the footprint of the first own arm
+    spread: Tensor  # (M * P,) m, standard deviation of its height
+    height_error: Tensor  # (M * P,) m, mean error of predicted heights
 
     def __init__(self, config: KeypointsConfig, view: View, spec: ObservationSpec) -> None:
         super().__init__()
@@ -181,7 +175,7 @@ class KeypointEncoder(Encoder):
         self._cameras = len(view.streams[0].cameras)
         self.keypoints, points = spec.keypoints(view), spec.keypoints(view) * len(HAND)
         self.features = self.keypoints * OUT + self._others * subgoals
-        seen = self._cameras * self.keypoints  # each by each camera
+        seen = self._cameras * self.keypoints  # one for each camera
         self.trunk = nn.Sequential(
             nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
             nn.GroupNorm(4, CHANNELS),
@@ -196,11 +190,11 @@ class KeypointEncoder(Encoder):
         self.register_buffer("height_error", torch.full((points,), LEAST_SPREAD_M))
         self.turn = _Each(seen, POOLED, 32, HEADING)
         self.rise = _Each(seen, POOLED + CHANNELS + 3 + 12, 32, len(HAND))
-        # Who is done looks like who has not begun; what it has left behind does not.
+        # Subgoals of others, from the scene: a finished arm looks as before it began, its work does not.
         self.tell: nn.Module | None = None
         side = config.crop_refinement
         if watched := self._others * subgoals:
-            told = POOLED + (WIDE if side else 0)  # fingers that have shut are a pixel wide
+            told = POOLED + (WIDE if side else 0)  # for closed fingers, which are a pixel wide
             self.tell = nn.Sequential(
                 nn.Linear(seen * told + CHANNELS, 64), nn.Mish(), nn.Linear(64, watched)
             )
@@ -232,14 +226,14 @@ class KeypointEncoder(Encoder):
         return Fit([self], loss, config.steps, config.rate, shared=decides)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """The maps (B, K * M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
+        """Heat maps (B, K * M * P, h, w), as logits, and the features of each cell (B, C, h, w)."""
         if self._config.downsample > 1:
             pictures = functional.avg_pool2d(pictures, self._config.downsample)
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
     def read(self, maps: Tensor, seen: Tensor, rays: Tensor) -> _Read:
-        """What maps and cells say, where the cameras stand so."""
+        """Readout of heat maps and cell features, for cameras with these rays (B, K, 3, 4)."""
         chance = maps.flatten(2).softmax(dim=2).unflatten(2, maps.shape[2:])
         near = _peaks(chance)
         total = near.sum(dim=(2, 3))
@@ -247,7 +241,7 @@ class KeypointEncoder(Encoder):
         y = (near.sum(dim=3) @ rows) / total / maps.shape[2]
         x = (near.sum(dim=2) @ columns) / total / maps.shape[3]
         weights = (near / total[..., None, None]).flatten(2)[:, :: len(HAND)]
-        # As the trunk's memory lies: seen otherwise, each of its gradients would be transposed on its way.
+        # In the memory layout of the trunk: in another one its gradients would have to be transposed.
         cells = seen.permute(0, 2, 3, 1).flatten(1, 2)  # (B, h * w, C)
         pooled = self.pool(weights @ cells)  # (B, K * M, POOLED), at the TCPs
         scene = torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1)
@@ -261,9 +255,9 @@ class KeypointEncoder(Encoder):
         return _Read(places, self.rise(about).flatten(1), self.turn(pooled), sure, scene)
 
     def _doing(self, read: _Read, near: Tensor | None) -> Tensor:
-        """(B, N, S) of each other agent, as logits, the subgoal that it is at.
+        """Logits (B, N, S) of the subgoal of each other agent.
 
-        From what was read and, if it was looked at again, what is `near` (B, K * M * P, WIDE).
+        From the readout and, with crop refinement, the features of its crops `near` (B, K * M * P, WIDE).
         """
         if self.tell is None:
             return read.scene.new_zeros(len(read.scene), 0, 0)
@@ -271,20 +265,20 @@ class KeypointEncoder(Encoder):
         return self.tell(torch.cat(seen, dim=1)).unflatten(1, (self._others, -1))
 
     def fit_points(self, pixels: Tensor, points: Tensor) -> None:
-        """To where points (N, K * M * P, 3) in m are, where their places are in the picture."""
+        """Fit mean and spread to points (N, K * M * P, 3) in m, without those outside the picture."""
         inside = inside_picture(pixels)
         for key in range(len(self.centre)):
-            every = slice(key, None, len(self.centre))  # by each of the cameras
+            every = slice(key, None, len(self.centre))  # for all cameras
             seen = points[:, every][inside[:, every]]
             if len(seen) > 1:
                 self.centre[key] = seen.mean(dim=0)
                 self.spread[key] = seen[:, 2].std().clamp(min=LEAST_SPREAD_M)
 
     def triangulate(self, rays: Tensor, places: Tensor, sure: Tensor, heights: Tensor) -> Tensor:
-        """The most probable points (B, M * P, 3) in m.
+        """Maximum a posteriori points (B, M * P, 3) in m, by least squares with the mean of each as prior.
 
-        Of heights (B, M * P) in m, and places (B, K * M * P, 2) that K cameras see by rays (B, K, 3, 4), each
-        as far as it is to be trusted (B, K * M). Least squares, about the mean of each point.
+        From heights (B, M * P) in m, and places (B, K * M * P, 2) in the pictures of K cameras with rays
+        (B, K, 3, 4), weighted by confidence (B, K * M).
         """
         places = places.unflatten(1, (self._cameras, -1))  # (B, K, Q, 2)
         along = places @ rays[..., :2].mT + rays[:, :, None, :, 2]
@@ -301,7 +295,7 @@ class KeypointEncoder(Encoder):
         return self.centre + torch.linalg.solve(normal, known)
 
     def _trust(self, sure: Tensor) -> Tensor:
-        """(B, K, M * P) of each point, from that of its keypoint (B, K * M)."""
+        """Confidence of each point (B, K, M * P), from that of its keypoint (B, K * M)."""
         return sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
 
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -325,7 +319,7 @@ class KeypointEncoder(Encoder):
         return features, places
 
     def loss(self, pictures: Tensor, rays: Tensor, labels: Labels) -> Tensor:
-        """Of pictures in which this is to be seen, by cameras that stand so."""
+        """Training loss for labelled pictures (B, 3, H, W) of cameras with these rays (B, K, 3, 4)."""
         maps, seen = self.look(pictures)
         found, inside = self.read(maps, seen, rays), inside_picture(labels.pixels)
         if not inside.any():
@@ -351,7 +345,7 @@ class KeypointEncoder(Encoder):
         return loss + functional.cross_entropy(self._doing(found, near).mT, labels.doing)
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
-        """With noise on the places of keypoints, one draw for all frames of a window."""
+        """Features with noise on keypoint positions (m), one draw for all frames of a window."""
         if not self._config.noise:
             return features
         shape = len(features), 1, self.keypoints, PLACED
@@ -361,13 +355,13 @@ class KeypointEncoder(Encoder):
 
     def moved(self, features: Tensor, hands: Tensor) -> Tensor:
         before = self._agents * (self._keyframes + 1) * OUT
-        change = functional.pad(hands, (0, 1)).flatten(2)  # how sure it is stays
+        change = functional.pad(hands, (0, 1)).flatten(2)  # confidence unchanged
         return features + functional.pad(change, (before, features.shape[2] - before - change.shape[2]))
 
     def conditioning(self, features: Tensor, context: Tensor) -> Tensor:
-        """What is seen, and where each own arm goes next, also from its TCP.
+        """Features, then for each own arm its next goal: keypoint, offset from the TCP, clipped offset.
 
-        And that once more where it is near: scaled to a range over the whole table, millimetres are lost.
+        The clipped offset resolves millimetres, which are lost in a range over the whole table.
         """
         goals = self._goals(features, context)
         offsets = self._from_tcps(goals, context)
@@ -378,12 +372,12 @@ class KeypointEncoder(Encoder):
         return self._from_tcps(self._goals(features, context), context)
 
     def _from_tcps(self, goals: Tensor, context: Tensor) -> Tensor:
-        """Places of goals (B, O, n, OUT) less the TCPs of the own agents (B, O, n, 3), in m."""
+        """Offsets (B, O, n, 3), in m, from the TCPs of the own agents to goals (B, O, n, OUT)."""
         tcps = [of_agent(context, agent)[0][..., :3] for agent in range(self._agents)]
         return goals[..., :3] - torch.stack(tcps, dim=2)
 
     def _goals(self, features: Tensor, context: Tensor) -> Tensor:
-        """The keypoints (B, O, n, OUT) at which the grippers of the own agents change next."""
+        """The keypoint (B, O, n, OUT) of the next gripper change of each own agent."""
         count = self._keyframes + 1
         keypoints = features[..., : self._agents * count * OUT].unflatten(2, (self._agents, count, OUT))
         changes = [of_agent(context, agent)[1].argmax(dim=2) for agent in range(self._agents)]
@@ -392,10 +386,10 @@ class KeypointEncoder(Encoder):
 
 
 def relit(pictures: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
-    """Pictures (B, H, W, 3) uint8 -> (B, 3, H, W) in [-1, 1], each otherwise exposed, coloured and saturated.
+    """Photometric augmentation (exposure, colour, saturation): (B, H, W, 3) uint8 -> (B, 3, H, W) in [-1, 1].
 
-    By a table for each of their colours, and then a matrix: a power of every pixel would take as long as
-    all else of a step of learning.
+    By a lookup table for each colour channel, then a matrix: a power of every pixel would take as long as
+    the rest of a training step.
     """
     count, value = len(pictures), np.linspace(0.0, 1.0, 256)
 
@@ -418,7 +412,7 @@ def _size(pictures: Tensor) -> Tensor:
 
 
 def _peaks(chance: Tensor) -> Tensor:
-    """Maps (B, M, h, w) with all but the PEAK x PEAK cells round the largest one set to zero."""
+    """Maps (B, M, h, w), set to zero outside the PEAK x PEAK cells around each maximum."""
     height, width = chance.shape[2:]
     best = chance.flatten(2).argmax(dim=2)
     row, column = best // width, best % width
@@ -429,7 +423,7 @@ def _peaks(chance: Tensor) -> Tensor:
 
 
 def _cross_entropy(maps: Tensor, pixels: Tensor) -> Tensor:
-    """Of maps (K, h, w) to places (K, 2) from 0 to 1, each spread over the four nearest cells."""
+    """Cross entropy of maps (K, h, w) to places (K, 2) from 0 to 1, spread over the four nearest cells."""
     height, width = maps.shape[1:]
     logs = maps.flatten(1).log_softmax(dim=1)
     x = (pixels[:, 0] * width - 0.5).clamp(0, width - 1)

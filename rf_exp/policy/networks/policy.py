@@ -1,8 +1,8 @@
-"""A policy: pictures and joint positions in, a chunk of actions out, by an encoder and a head.
+"""Policy: pictures and joint positions in, a chunk of actions out, by an encoder and a head.
 
 The condition of the head is [features, joint positions, context] of each observed frame, oldest first, each
-scaled to its range in the demonstrations. The predictor of transitions and the goal gate, where they are,
-learn with the first fit of the head.
+scaled to its range in the demonstrations. The transition predictor and the goal gate, if any, are trained
+with the first fit of the head.
 """
 
 from collections.abc import Callable
@@ -22,8 +22,8 @@ from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head, hidden
 from rf_exp.types import ARM_JOINTS
 
-GATE = 256  # width of the layer of a goal gate
-LEAST_RANGE = 0.02  # rad or m: a joint that hardly moves is centred, its noise not blown up to [-1, 1]
+GATE = 256  # width of the hidden layer of a goal gate
+LEAST_RANGE = 0.02  # rad or m: a joint that hardly moves is centred, without scaling its noise to [-1, 1]
 
 
 class Range(nn.Module):
@@ -51,7 +51,7 @@ class Range(nn.Module):
 
 
 class Normaliser(nn.Module):
-    """What a policy remembers of its data: the ranges, and how fast targets moved in a control step."""
+    """Statistics of the demonstrations: ranges, and the largest change of each target in a control step."""
 
     fastest: Tensor  # (A,) largest change of each action between two control steps of a demonstration
 
@@ -62,7 +62,7 @@ class Normaliser(nn.Module):
         self.register_buffer("fastest", torch.zeros(action_size))
 
     def fit(self, windows: Windows) -> None:
-        """To what these windows show, but for features of pictures, which have to be learned first."""
+        """Fit all ranges but that of the picture features, whose encoder may have to be trained first."""
         self.proprio.fit(windows.proprio)
         self.context.fit(windows.context)
         self.action.fit(windows.learned_actions())
@@ -70,7 +70,7 @@ class Normaliser(nn.Module):
 
 
 class TransitionPredictor(nn.Module):
-    """Of n own agents: a condition (B, C) -> which of K subgoals, and whether it may go on (n, K + 1)."""
+    """Transition predictor: condition (B, C) -> subgoal, of K, and whether to go on, for n own agents."""
 
     def __init__(self, condition: int, agents: int, size: int, dropout: float) -> None:
         """`size` is K + 1."""
@@ -79,18 +79,18 @@ class TransitionPredictor(nn.Module):
         self.layers = nn.Sequential(*hidden([condition, 256, 256], dropout), nn.Linear(256, self._size))
 
     def hide(self, context: Tensor) -> Tensor:
-        """Context (..., C) without what is predicted."""
+        """Context (..., C) with the phases, which are predicted, set to zero."""
         return functional.pad(context[..., : -self._size], (0, self._size))
 
     def tell(self, context: Tensor, numbers: Tensor, free: Tensor) -> Tensor:
-        """Context (B, O, C) with the subgoals (B, n) of the own agents and whether they may go on (B, n)."""
+        """Context (B, O, C) with these subgoals (B, n) of the own agents and permissions to go on (B, n)."""
         subgoal = functional.one_hot(numbers, self._size // self._agents - 1)
         phase = torch.cat([subgoal, free[..., None]], dim=2).flatten(1).to(context.dtype)
         said = phase[:, None].expand(-1, context.shape[1], -1)
         return torch.cat([context[..., : -self._size], said], dim=2)
 
     def loss(self, condition: Tensor, context: Tensor, weights: Tensor) -> Tensor:
-        """Cross entropy, of conditions without what is said in the context; windows count by weights (B,)."""
+        """Weighted cross entropy to the phases in `context`, which `condition` hides; weights (B,)."""
         found = self.layers(condition).float().unflatten(1, (self._agents, -1)).flatten(0, 1)
         phase = context[:, -1, -self._size :].reshape(found.shape)
         subgoal = functional.cross_entropy(found[:, :-1], phase[:, :-1], reduction="none")
@@ -98,16 +98,16 @@ class TransitionPredictor(nn.Module):
         return (weights.repeat_interleave(self._agents) * (subgoal + free)).mean()
 
     def chances(self, condition: Tensor) -> Tensor:
-        """How likely each is at each subgoal and, in the last column, that it may go on (B, n, K + 1)."""
+        """Probabilities (B, n, K + 1) of each subgoal and, in the last column, of going on."""
         found = self.layers(condition).unflatten(1, (self._agents, -1))
         return torch.cat([found[..., :-1].softmax(dim=2), found[..., -1:].sigmoid()], dim=2)
 
 
 class GoalGate(nn.Module):
-    """A condition (B, C) -> how far each of n own arms has gone to its goal, in each of T steps (B, T, n).
+    """Goal gate: condition (B, C) -> fraction of the way to its goal (B, T, n), for n own arms and T steps.
 
-    An action tells from the hand by how much it moves, and close to a goal a millimetre of a chunk of
-    decimetres is lost. A gate near 1 tells it from the goal, where nearly nothing is left to tell.
+    Relative actions are offsets from the current TCP; in a chunk of decimetres a millimetre close to the goal
+    is lost. With a gate near 1 they are offsets from the goal, where nearly nothing is left to predict.
     """
 
     def __init__(self, condition: int, horizon: int, agents: int) -> None:
@@ -121,9 +121,9 @@ class GoalGate(nn.Module):
 
 
 class Policy(nn.Module):
-    """One policy of a view: actions (T, A) from O frames of pictures, proprioception and context.
+    """Policy of one view: O frames of pictures, proprioception and context -> actions (T, A).
 
-    Actions are of joints and grippers; with task-space actions the poses of TCPs come behind them.
+    Actions are joint targets and gripper commands; with task-space actions, TCP poses follow behind them.
     """
 
     def __init__(self, config: PolicyConfig, view: View, spec: ObservationSpec | None = None) -> None:
@@ -145,7 +145,7 @@ class Policy(nn.Module):
     # -- learning ------------------------------------------------------------------------------------
 
     def fits(self, examples: Windows) -> list[Fit]:
-        """How it is learned, one fit after the other: an encoder that can be learned alone, then the head."""
+        """The fits of its training, in order: that of the encoder, if it has one, then those of the head."""
         found, joined, config = [], [self.encoder], self.config
         if (first := self.encoder.fit(examples)) is not None:
             picture = [config.height, config.width]
@@ -160,7 +160,7 @@ class Policy(nn.Module):
         return found
 
     def _loss(self, examples: Windows, fit: Fit, beside: TransitionPredictor | None, draw: Draw) -> Tensor:
-        """What a fit of the head learns from a draw, and the predictor of transitions beside it."""
+        """Loss of a fit of the head, with that of a transition predictor trained beside it."""
         batch = examples.batch(draw.windows, draw.rng)
         observed = self._observed(batch, draw.generator)
         condition = self.condition(*observed)
@@ -175,7 +175,7 @@ class Policy(nn.Module):
         return loss + beside.loss(untold, batch.context, draw.weights)
 
     def _settle_encoder(self, examples: Windows, settle: Callable[[], None]) -> None:
-        """All pictures are looked at once, for good, and the range of what is seen is known."""
+        """Freeze the encoder: encode all pictures once, and fit the range of the features."""
         settle()
         features = examples.look_once(self.eval().look)
         given = self.encoder.conditioning(features[:, None], examples.context[:, None])
@@ -183,7 +183,7 @@ class Policy(nn.Module):
         self.train()
 
     def _observed(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """Features (B, O, F), proprioception and context of a batch, with the noise of training on them."""
+        """Features (B, O, F), proprioception and context of a batch, with training noise."""
         features, proprio, device = batch.features, batch.proprio, batch.proprio.device
         if features is None:
             features = proprio.new_zeros(*batch.frames.shape, 0)
@@ -192,8 +192,8 @@ class Policy(nn.Module):
         if batch.hands is not None:
             features = self.encoder.moved(features, batch.hands)
         if noise := self.config.proprio_noise:
-            # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
-            # its own pose.
+            # One shift per window: the policy has to use the pictures instead of inferring the goal from its
+            # own pose.
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + noise * self.normaliser.proprio.radius * shift
         return self.encoder.perturbed(features, generator), proprio, batch.context
@@ -205,7 +205,7 @@ class Policy(nn.Module):
         return self.encoder.see(scaled(pictures), rays)[0]
 
     def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
-        """Features (U, F) of the centres of uint8 pictures (U, H, W, 3), and the points found (U, M, 2)."""
+        """Features (U, F) of centre crops of uint8 pictures (U, H, W, 3), and detected points (U, M, 2)."""
         height, width = self.config.cropped(*pictures.shape[1:3])
         top, left = (pictures.shape[1] - height) // 2, (pictures.shape[2] - width) // 2
         return self.encoder.see(scaled(pictures[:, top : top + height, left : left + width]), rays)
@@ -227,7 +227,7 @@ class Policy(nn.Module):
         condition: Tensor,
         beyond: Tensor | float = 0.0,
     ) -> Tensor | float:
-        """What is added to a prediction to make targets of it (B, 1 or T, A); see `act`."""
+        """Origin (B, 1 or T, A) that is added to predictions to get targets; for `beyond` see `act`."""
         if not self.config.relative_actions:
             return 0.0
         origin = action_origin(proprio, context if self.config.task_space_actions else None)
@@ -242,16 +242,16 @@ class Policy(nn.Module):
 
     @torch.inference_mode()
     def chances(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor | None:
-        """Of raw features (B, O, F), proprioception (B, O, P) and context (B, O, C): how likely each own
-        agent is at each subgoal and, in the last column, that it may go on (B, n, K + 1). None if it does
-        not say.
+        """Probabilities (B, n, K + 1) of each own agent: each subgoal and, in the last column, going on.
+
+        From raw features (B, O, F), proprioception (B, O, P) and context (B, O, C). None if not predicted.
         """
         if self.transitions is None:
             return None
         return self.transitions.chances(self.condition(features, proprio, self.transitions.hide(context)))
 
     def in_phase(self, context: Tensor, numbers: Tensor, free: Tensor) -> Tensor:
-        """Context (B, O, C) with the subgoals (B, n) of the own agents and whether they may go on (B, n)."""
+        """Context (B, O, C) with these subgoals (B, n) of the own agents and permissions to go on (B, n)."""
         assert self.transitions is not None
         return self.transitions.tell(context, numbers, free)
 
@@ -267,7 +267,7 @@ class Policy(nn.Module):
         """Features (B, O, F), raw proprioception (B, O, P) and context (B, O, C) -> actions (B, T, A), raw.
 
         All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours. With a goal
-        gate own goals lie `beyond` (B, n, 3) in m where they are seen, in the footprint of the first own arm.
+        gate, `beyond` (B, n, 3) displaces the detected own goals, in m in the footprint of the first own arm.
         """
         condition = self.condition(features, proprio, context)
         sample = self.head.sample(condition, generators)
