@@ -30,7 +30,7 @@ class Draw:
     """Windows of one training step, and its random number generators."""
 
     windows: NDArray[np.int64]  # (B,)
-    weights: Tensor  # (B,) of the windows, for losses that estimate probabilities
+    weights: Tensor  # (B,) importance of each window, for losses that estimate probabilities
     rng: np.random.Generator
     generator: torch.Generator
 

@@ -122,7 +122,7 @@ class CropRefinement(nn.Module):
         return PIXEL_WEIGHT * off + cross, there
 
     def _look(self, pictures: Tensor, places: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Maps (B, K, h, w) of crops, as logits; features (B, K, WIDE, h, w); upper left corners (B, K, 2)."""
+        """Maps (B, K, h, w) of crops as logits, features (B, K, WIDE, h, w), upper left corners (B, K, 2)."""
         size = _size(pictures)
         corners = (places.detach() * size - self._side / 2).round().long()
         corners = corners.clamp_min(0).minimum(size - self._side)  # wholly inside the picture
