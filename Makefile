@@ -61,11 +61,11 @@ imports: setup
 fast-tests: setup
 	$(TESTS) -q -m "not render and not slow" --durations=10 --durations-min=3
 
-fix: setup ## let ruff format and mend what it can
+fix: setup ## let ruff format and fix what it can
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-doctor: ## what this machine can do, and how to mend what it cannot
+doctor: ## what this machine can do, and how to fix what it cannot
 	@$$([ -x $(BIN)/python ] && echo $(BIN)/python || echo $${PYTHON:-python3}) -m rf_exp.doctor
 
 bench: setup ## every figure that the documents claim

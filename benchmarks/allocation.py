@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.coordination import assign
-from rf_exp.coordination.assignment import greedy, load_s
-from rf_exp.datagen import Planned, Planner, Settings, State, allocated
+from rf_exp.coordination.assignment import agent_loads_s, greedy
+from rf_exp.datagen import Planned, Planner, Settings, State, allocate_jobs
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
 from rf_exp.datagen.motion.paths import Search
 from rf_exp.datagen.motion.reach import LookAhead, Reach
@@ -33,25 +33,30 @@ from rf_exp.transforms import from_axes
 from rf_exp.types import ConstraintSet, JointLimits
 
 SIZES = ((5, 2), (5, 3), (6, 4), (8, 3), (8, 8), (16, 8), (40, 8))  # jobs, agents
-MOST = 20_000  # assignments up to which all are enumerated
+MAX_ENUMERATED = 20_000  # assignments up to which all are enumerated
 REACHED = 40  # poses
 Row = dict[str, Any]
 
 
-def compared(takes_s: NDArray[np.float64]) -> Row:
+def compare(times_s: NDArray[np.float64]) -> Row:
     """Row of one instance with times (J, N) in s."""
-    jobs, agents = takes_s.shape
-    nothing = np.zeros(agents)
+    jobs, agents = times_s.shape
+    no_load = np.zeros(agents)
     began = time.process_time()
-    found = assign(takes_s)
-    spent_s = time.process_time() - began
-    assert found is not None
-    row = {"load": found.largest_s, "bound": found.bound_s, "optimal": found.optimal, "cpu_s": spent_s}
-    row["greedy"] = float(load_s(takes_s, greedy(takes_s, nothing), nothing).max())
-    row["soonest"] = float(load_s(takes_s, takes_s.argmin(axis=1), nothing).max())
-    if agents**jobs <= MOST:
+    assignment = assign(times_s)
+    cpu_s = time.process_time() - began
+    assert assignment is not None
+    row = {
+        "load": assignment.largest_s,
+        "bound": assignment.bound_s,
+        "optimal": assignment.optimal,
+        "cpu_s": cpu_s,
+    }
+    row["greedy"] = float(agent_loads_s(times_s, greedy(times_s, no_load), no_load).max())
+    row["soonest"] = float(agent_loads_s(times_s, times_s.argmin(axis=1), no_load).max())
+    if agents**jobs <= MAX_ENUMERATED:
         row["best"] = min(
-            float(load_s(takes_s, np.array(chosen), nothing).max())
+            float(agent_loads_s(times_s, np.array(chosen), no_load).max())
             for chosen in product(range(agents), repeat=jobs)
         )
     return row
@@ -60,32 +65,32 @@ def compared(takes_s: NDArray[np.float64]) -> Row:
 def summary(rows: list[Row]) -> Row:
     """Mean ratios over the instances of a size."""
 
-    def over(key: str, by: str) -> float:
-        return round(float(np.mean([row[key] / row[by] for row in rows])), 4)
+    def mean_ratio(key: str, denominator: str) -> float:
+        return round(float(np.mean([row[key] / row[denominator] for row in rows])), 4)
 
-    said = {
+    result = {
         "instances": len(rows),
         "proven_optimal": sum(row["optimal"] for row in rows),
-        "load_over_bound": over("load", "bound"),
-        "greedy_over_load": over("greedy", "load"),
-        "soonest_over_load": over("soonest", "load"),
+        "load_over_bound": mean_ratio("load", "bound"),
+        "greedy_over_load": mean_ratio("greedy", "load"),
+        "soonest_over_load": mean_ratio("soonest", "load"),
         "cpu_s": round(float(np.mean([row["cpu_s"] for row in rows])), 3),
     }
     if "best" in rows[0]:
-        said["load_over_best"] = round(max(row["load"] / row["best"] for row in rows), 6)
-    return said
+        result["load_over_best"] = round(max(row["load"] / row["best"] for row in rows), 6)
+    return result
 
 
-def drawn(seed: int, jobs: int, agents: int) -> NDArray[np.float64]:
+def random_times(seed: int, jobs: int, agents: int) -> NDArray[np.float64]:
     """Random times (J, N) in s, infinite out of reach; each job is in reach of at least one agent."""
     rng = np.random.default_rng([seed, jobs, agents])
-    takes_s = rng.uniform(2.0, 9.0, (jobs, agents))
-    takes_s[rng.random((jobs, agents)) < 1 / 3] = np.inf
-    takes_s[np.arange(jobs), rng.integers(agents, size=jobs)] = rng.uniform(2.0, 9.0, jobs)
-    return takes_s
+    times_s = rng.uniform(2.0, 9.0, (jobs, agents))
+    times_s[rng.random((jobs, agents)) < 1 / 3] = np.inf
+    times_s[np.arange(jobs), rng.integers(agents, size=jobs)] = rng.uniform(2.0, 9.0, jobs)
+    return times_s
 
 
-def reached(seed: int) -> NDArray[np.float64]:
+def reach_times(seed: int) -> NDArray[np.float64]:
     """Times (40, 8) in s, there and back, of random poses over a table surrounded by eight arms."""
     task = named_task("ring_8x1")
     assert task is not None
@@ -114,43 +119,43 @@ def reached(seed: int) -> NDArray[np.float64]:
 def makespan(task: Task, proposal: Proposal, seed: int) -> int | None:
     """Makespan of the checked plan in control steps; None where there is no plan."""
 
-    class Said:
+    class FixedBrain:
         name = "said"
 
         def answer(self, question: Question) -> str:
             return to_json(proposal)
 
-    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).of(seed)
-    scene = task.of(seed).start(seed).scene
-    made = Planner(settings, Said()).plan(
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).in_scene(seed)
+    scene = task.in_scene(seed).start(seed).scene
+    result = Planner(settings, FixedBrain()).plan(
         Question(settings.task, scene, {}), scene, np.random.default_rng(seed)
     )
-    return len(made.schedule) if isinstance(made, Planned) else None
+    return len(result.schedule) if isinstance(result, Planned) else None
 
 
 def scene(seed: int) -> Row:
     """Makespans of a scene with three objects and three arms: chosen, best and nearest assignment."""
     task = named_task("pool_3x3")
     assert task is not None
-    start = task.of(seed).start(seed).scene
+    start = task.in_scene(seed).start(seed).scene
     plan = task.module.plan(start, task)
-    chosen = allocated(plan, task, start, JointLimits(**default_of("limits")))
-    things = list(dict.fromkeys(each.object for each in plan.subgoals))
+    chosen = allocate_jobs(plan, task, start, JointLimits(**default_of("limits")))
+    objects = list(dict.fromkeys(subgoal.object for subgoal in plan.subgoals))
     base = {agent: arm.world_from_base[:2, 3] for agent, arm in task.arms.items()}
-    near = tuple(
+    nearest_agents = tuple(
         min(task.agents, key=lambda agent: np.linalg.norm(start.poses[name or ""][:2, 3] - base[agent]))
-        for name in things
+        for name in objects
     )
-    who = {each.object: each.agent for each in chosen.subgoals}
+    agent_of = {subgoal.object: subgoal.agent for subgoal in chosen.subgoals}
     steps: dict[tuple[int, ...], int | None] = {}
-    for agents in product(task.agents, repeat=len(things)):
-        given = dict(zip(things, agents, strict=True))
-        subgoals = tuple(replace(each, agent=given[each.object]) for each in plan.subgoals)
-        whole = Proposal(subgoals, (*grasping(subgoals), *keep_clear(task.agents)))
-        steps[agents] = makespan(task, whole, seed)
-    possible = sorted(each for each in steps.values() if each is not None)
-    ours, nearest = steps[tuple(who[name] for name in things)], steps[near]
-    return {"chosen": ours, "best": possible[0], "nearest": nearest, "possible": len(possible)}
+    for agents in product(task.agents, repeat=len(objects)):
+        agent_by_object = dict(zip(objects, agents, strict=True))
+        subgoals = tuple(replace(subgoal, agent=agent_by_object[subgoal.object]) for subgoal in plan.subgoals)
+        proposal = Proposal(subgoals, (*grasping(subgoals), *keep_clear(task.agents)))
+        steps[agents] = makespan(task, proposal, seed)
+    possible = sorted(count for count in steps.values() if count is not None)
+    chosen_steps, nearest = steps[tuple(agent_of[name] for name in objects)], steps[nearest_agents]
+    return {"chosen": chosen_steps, "best": possible[0], "nearest": nearest, "possible": len(possible)}
 
 
 def main() -> None:
@@ -160,25 +165,25 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--scenes", type=int, default=5)
     parser.add_argument("--parts", default="loads,reach,pool")
-    given = parser.parse_args()
-    found: dict[str, Any] = {}
-    if "loads" in given.parts:
+    args = parser.parse_args()
+    results: dict[str, Any] = {}
+    if "loads" in args.parts:
         for jobs, agents in SIZES:
-            rows = [compared(drawn(seed, jobs, agents)) for seed in range(given.seeds)]
-            found[f"{jobs} jobs, {agents} agents"] = summary(rows)
-    if "reach" in given.parts:
+            rows = [compare(random_times(seed, jobs, agents)) for seed in range(args.seeds)]
+            results[f"{jobs} jobs, {agents} agents"] = summary(rows)
+    if "reach" in args.parts:
         rows = []
-        for seed in range(given.scenes):
+        for seed in range(args.scenes):
             began = time.process_time()
-            takes_s = reached(seed)
-            rows.append({"kinematics_s": time.process_time() - began, **compared(takes_s)})
-        times_s = round(float(np.mean([row["kinematics_s"] for row in rows])), 2)
-        found["reach"] = {**summary(rows), "kinematics_s": times_s}
-    if "pool" in given.parts:
-        found["pool"] = [scene(seed) for seed in range(given.scenes)]
-    for name, value in found.items():
+            times_s = reach_times(seed)
+            rows.append({"kinematics_s": time.process_time() - began, **compare(times_s)})
+        kinematics_s = round(float(np.mean([row["kinematics_s"] for row in rows])), 2)
+        results["reach"] = {**summary(rows), "kinematics_s": kinematics_s}
+    if "pool" in args.parts:
+        results["pool"] = [scene(seed) for seed in range(args.scenes)]
+    for name, value in results.items():
         print(name, value)
-    print(json.dumps(found))
+    print(json.dumps(results))
 
 
 if __name__ == "__main__":

@@ -25,15 +25,15 @@ from unittest.mock import patch
 import numpy as np
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen import EpisodeMaker, Settings, Trace, planning
+from rf_exp.datagen import EpisodeGenerator, Settings, Trace, planning
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.errors import ArgumentError, choices
-from rf_exp.sim import Limited, Simulator
+from rf_exp.errors import ArgumentError, unknown_choice
+from rf_exp.sim import CameraSubset, Simulator
 from rf_exp.tasks import CONFIGURED, Task, named_task
 from rf_exp.types import ConstraintSet
 
 FAMILIES = tuple(sorted(path.stem for path in (CONFIGURED / "family").glob("*.yaml")))
-SPENT = ("motion_s", "schedule_s", "checks_s", "physics_s", "episode_s")
+TIMED_PARTS = ("motion_s", "schedule_s", "checks_s", "physics_s", "episode_s")
 Row = dict[str, Any]
 
 
@@ -63,18 +63,18 @@ def _clocked(work: Callable[..., Any], spent: dict[str, float], key: str) -> Cal
 def one(world: Simulator, task: Task, seed: int) -> Row:
     """Row of the episode of one seed."""
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
-    spent: dict[str, float] = dict.fromkeys(SPENT, 0.0)
+    spent: dict[str, float] = dict.fromkeys(TIMED_PARTS, 0.0)
     trace = Trace()
     began = time.process_time()
     with timed(spent):
-        outcome = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), trace).make(seed)
+        outcome = EpisodeGenerator(settings, CameraSubset(world), settings.make_brain(seed), trace).make(seed)
     spent["episode_s"] = time.process_time() - began
     plans = [plan.schedule for plan, _ in trace.executions()]
-    found = {"seed": seed, "success": outcome.success, "steps": outcome.steps, "attempts": outcome.attempts}
-    found |= {"contacts": outcome.contacts, "makespan": sum(map(len, plans))}
-    found |= {"bound": sum(plan.makespan_bound for plan in plans)}
-    found |= {key: round(value, 3) for key, value in spent.items()}
-    return found if outcome.success else {**found, "reason": outcome.reason}
+    row = {"seed": seed, "success": outcome.success, "steps": outcome.steps, "attempts": outcome.attempts}
+    row |= {"contacts": outcome.contacts, "makespan": sum(map(len, plans))}
+    row |= {"bound": sum(plan.makespan_bound for plan in plans)}
+    row |= {key: round(value, 3) for key, value in spent.items()}
+    return row if outcome.success else {**row, "reason": outcome.reason}
 
 
 def cell(name: str, seeds: list[int], path: str) -> None:
@@ -99,7 +99,7 @@ def summary(rows: list[Row]) -> Row:
         "contacts": sum(row["contacts"] for row in rows),
         "steps": round(float(np.mean([row["steps"] for row in rows])), 1),
         "over_bound": round(sum(row["makespan"] for row in rows) / bound - 1, 4) if bound else None,
-        **{key: round(float(np.mean([row[key] for row in rows])), 3) for key in SPENT},
+        **{key: round(float(np.mean([row[key] for row in rows])), 3) for key in TIMED_PARTS},
         "peak_mb": max(row["peak_mb"] for row in rows),
     }
 
@@ -115,11 +115,11 @@ def exponent(cells: dict[int, Row]) -> float | None:
 
 def read(path: Path) -> dict[str, list[Row]]:
     """Task -> its rows."""
-    found: dict[str, list[Row]] = defaultdict(list)
+    rows: dict[str, list[Row]] = defaultdict(list)
     for line in path.read_text("utf-8").splitlines() if path.exists() else ():
         row = json.loads(line)
-        found[row["task"]].append(row)
-    return found
+        rows[row["task"]].append(row)
+    return rows
 
 
 def main() -> None:
@@ -131,14 +131,14 @@ def main() -> None:
     parser.add_argument("--things", default="1", help="for each arm, or through the hands of all")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--out", type=Path, default=Path("outputs/arms"))
-    given = parser.parse_args()
-    counts = [[int(each) for each in said.split(",")] for said in (given.arms, given.things)]
-    for family in given.families.split(","):
+    args = parser.parse_args()
+    counts = [[int(number) for number in text.split(",")] for text in (args.arms, args.things)]
+    for family in args.families.split(","):
         if family not in FAMILIES:
-            parser.error(str(choices("family", family, FAMILIES)))
-    given.out.mkdir(parents=True, exist_ok=True)
-    path, found = given.out / "rows.jsonl", {}
-    for family in given.families.split(","):
+            parser.error(str(unknown_choice("family", family, FAMILIES)))
+    args.out.mkdir(parents=True, exist_ok=True)
+    path, results = args.out / "rows.jsonl", {}
+    for family in args.families.split(","):
         for things in counts[1]:
             cells: dict[int, Row] = {}
             for arms in counts[0]:
@@ -148,20 +148,20 @@ def main() -> None:
                 except ArgumentError as error:  # such as a tower that would be too high
                     print(f"{name:12s} {error}")
                     continue
-                there = {row["seed"] for row in read(path)[name]}
-                if lacking := [seed for seed in range(given.seeds) if seed not in there]:
+                done_seeds = {row["seed"] for row in read(path)[name]}
+                if missing_seeds := [seed for seed in range(args.seeds) if seed not in done_seeds]:
                     with ProcessPoolExecutor(1, get_context("spawn")) as process:
-                        process.submit(cell, name, lacking, str(path)).result()
-                rows = [row for row in read(path)[name] if row["seed"] < given.seeds]
-                cells[arms] = found[name] = summary(rows)
+                        process.submit(cell, name, missing_seeds, str(path)).result()
+                rows = [row for row in read(path)[name] if row["seed"] < args.seeds]
+                cells[arms] = results[name] = summary(rows)
                 print(
-                    f"{name:12s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()),
+                    f"{name:12s} " + "  ".join(f"{key} {value}" for key, value in results[name].items()),
                     flush=True,
                 )
             if cells:
-                found[f"{family} x {things}: exponent"] = exponent(cells)
+                results[f"{family} x {things}: exponent"] = exponent(cells)
                 print(f"{family} x {things}: planning grows with arms ** {exponent(cells)}")
-    print(json.dumps(found))
+    print(json.dumps(results))
 
 
 if __name__ == "__main__":

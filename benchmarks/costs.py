@@ -18,7 +18,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.ablation import load, unvaried
+from rf_exp.ablation import load, without_variation
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.datagen import make_episode
 from rf_exp.experiment import Experiment, read_experiment
@@ -34,14 +34,14 @@ FITS = "policy.encoder.keypoints.steps", "policy.head.refined.regression_steps",
 
 def demonstrations_s(experiment: Experiment, seeds: int) -> dict[str, float]:
     """Task -> CPU seconds per demonstration, including seeds that fail."""
-    found = {}
+    seconds_by_task = {}
     for task in experiment.tasks:
         settings = experiment.settings(task, experiment.constraint_sets[0])
         make_episode(settings, experiment.pictures, seeds)  # starts the renderer
         began = time.process_time()
-        made = sum(make_episode(settings, experiment.pictures, seed).success for seed in range(seeds))
-        found[task.name] = (time.process_time() - began) / max(1, made)
-    return found
+        successes = sum(make_episode(settings, experiment.pictures, seed).success for seed in range(seeds))
+        seconds_by_task[task.name] = (time.process_time() - began) / max(1, successes)
+    return seconds_by_task
 
 
 def learning_s(experiment: Experiment, store: Store) -> dict[str, float]:
@@ -50,15 +50,15 @@ def learning_s(experiment: Experiment, store: Store) -> dict[str, float]:
     view = views(experiment.archs[0], store.agents)[0]
     windows = Windows(store, view, experiment.policy, torch.device("cpu"))
     training = Training(windows, view, experiment.policy, experiment.training)
-    marks = [time.process_time()]
+    times_s = [time.process_time()]
     while not training.done:
         training.step()
-        marks.append(time.process_time())
-    each = np.diff(marks).reshape(len(FITS), STEPS)
-    usual = np.median(each, axis=1)
+        times_s.append(time.process_time())
+    step_s = np.diff(times_s).reshape(len(FITS), STEPS)
+    median_s = np.median(step_s, axis=1)
     return {
-        "once": float((each - usual[:, None])[:, [0, -1]].sum()),
-        **dict(zip(FITS, usual.tolist(), strict=True)),
+        "once": float((step_s - median_s[:, None])[:, [0, -1]].sum()),
+        **dict(zip(FITS, median_s.tolist(), strict=True)),
     }
 
 
@@ -66,28 +66,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("store", type=Path, nargs="?", default=DEMO, help="of the demo, unless said")
+    parser.add_argument("store", type=Path, nargs="?", default=DEMO, help="default: that of the demo")
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--states", action="store_true", help="episodes without pictures and disturbances")
-    given = parser.parse_args()
+    args = parser.parse_args()
     register_all_tasks()
     states = ["policy=paper", "recipe=paper", "render=false", "stages=[generate]"]
     fast = ["profile=laptop", "recipe=fast", *(f"{key}={STEPS}" for key in FITS)]
-    chosen = [*(states if given.states else fast), "task=all"]
+    overrides = [*(states if args.states else fast), "task=all"]
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("config", chosen)
-    experiment = read_experiment(OmegaConf.to_container(config, resolve=True), chosen)  # pyright: ignore[reportArgumentType]
-    if given.states:
-        made = demonstrations_s(experiment, given.seeds)
-        print(yaml.safe_dump({task: round(each, 2) for task, each in made.items()}, sort_keys=False))
+        config = compose("config", overrides)
+    experiment = read_experiment(OmegaConf.to_container(config, resolve=True), overrides)  # pyright: ignore[reportArgumentType]
+    if args.states:
+        demonstration_s = demonstrations_s(experiment, args.seeds)
+        print(
+            yaml.safe_dump(
+                {task: round(seconds, 2) for task, seconds in demonstration_s.items()}, sort_keys=False
+            )
+        )
         return
-    evaluated = [row for row in unvaried(load(ROOT)).evaluation if row.recipe == experiment.recipe]
+    evaluated = [row for row in without_variation(load(ROOT)).evaluation if row.recipe == experiment.recipe]
     tasks = {}
-    for task, made_s in demonstrations_s(experiment, given.seeds).items():
+    for task, made_s in demonstrations_s(experiment, args.seeds).items():
         scenes = [row.wall_s for row in evaluated if row.task == task]
         tasks[task] = {"demonstration_s": round(made_s, 1), "scene_s": round(median(scenes or [1.0]), 1)}
-    store = Store.open(given.store)
-    learning = {phase: round(each, 4) for phase, each in learning_s(experiment, store).items()}
+    store = Store.open(args.store)
+    learning = {phase: round(seconds, 4) for phase, seconds in learning_s(experiment, store).items()}
     print(yaml.safe_dump({experiment.recipe: {"learning_s": learning, "tasks": tasks}}, sort_keys=False))
 
 

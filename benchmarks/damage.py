@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from rf_exp.store import Damage, Damaged, Store, empty_like
+from rf_exp.store import Damage, DamagedStore, Store, empty_like
 
 
 def main() -> None:
@@ -26,17 +26,17 @@ def main() -> None:
     parser.add_argument("store", type=Path)
     parser.add_argument("--flips", type=int, default=100, help="bytes, one after the other")
     parser.add_argument("--states", action="store_true", help="without pictures")
-    given = parser.parse_args()
-    source = Store.open(given.store)
+    args = parser.parse_args()
+    source = Store.open(args.store)
     with TemporaryDirectory(prefix="rf_exp-") as folder:
         path = Path(folder) / "again.zarr"
-        print(json.dumps(costs(source, path, given.states) | lost(path, given.flips)))
+        print(json.dumps(costs(source, path, args.states) | lost_episodes(path, args.flips)))
 
 
 def costs(source: Store, path: Path, states: bool) -> dict[str, float]:
     """Size, and CPU times of writing an episode, of opening the store, and of reading all states."""
-    shown = {"cameras": [], "depth": False, "labels": []} if states else {}
-    empty_like(path, {**source.attrs, **shown})
+    without_pictures = {"cameras": [], "depth": False, "labels": []} if states else {}
+    empty_like(path, {**source.attrs, **without_pictures})
     episodes = [source.episode(index) for index in range(len(source))]
     began_s = time.process_time()
     with Store.open(path, writable=True) as store:
@@ -55,26 +55,28 @@ def costs(source: Store, path: Path, states: bool) -> dict[str, float]:
     }
 
 
-def lost(path: Path, flips: int) -> dict[str, float]:
+def lost_episodes(path: Path, flips: int) -> dict[str, float]:
     """Numbers of episodes that are unreadable after a bit flip, mean and largest."""
-    draw = random.Random(0)
+    rng = random.Random(0)
     files = sorted(file for file in path.rglob("c/**/*") if file.is_file())
     sizes = [file.stat().st_size for file in files]
     episodes = len(Store.open(path))
-    found = []
-    for file in draw.choices(files, sizes, k=flips):
-        whole, name = file.read_bytes(), "/".join(file.relative_to(path).parts[:2])
-        at = draw.randrange(len(whole))
-        file.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << draw.randrange(8)]) + whole[at + 1 :])
-        found.append(episodes - readable(path, name))
-        file.write_bytes(whole)
-    return {"episodes": episodes, "lost_mean": round(float(np.mean(found)), 2), "lost_most": max(found)}
+    losses = []
+    for file in rng.choices(files, sizes, k=flips):
+        original, name = file.read_bytes(), "/".join(file.relative_to(path).parts[:2])
+        index = rng.randrange(len(original))
+        file.write_bytes(
+            original[:index] + bytes([original[index] ^ 1 << rng.randrange(8)]) + original[index + 1 :]
+        )
+        losses.append(episodes - readable(path, name))
+        file.write_bytes(original)
+    return {"episodes": episodes, "lost_mean": round(float(np.mean(losses)), 2), "lost_most": max(losses)}
 
 
 def readable(path: Path, name: str) -> int:
     """Number of readable episodes of a store in which the array `name` is damaged."""
     with TemporaryDirectory() as frame:
-        damaged, count = Damaged(path, Path(frame)), 0
+        damaged, count = DamagedStore(path, Path(frame)), 0
         for index, (start, end) in enumerate(pairwise([0, *damaged.ends])):
             with suppress(Damage):
                 if name.startswith("data/"):

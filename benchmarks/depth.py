@@ -12,36 +12,36 @@ import json
 
 from rf_exp.command import CONF
 from rf_exp.geometry import PlanningScene, shared, voxels
-from rf_exp.perception import down_to_table, look
+from rf_exp.perception import down_to_table, occupied_voxels
 from rf_exp.sim import Simulator
 from rf_exp.tasks import read_task
 
 TASKS = sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all")
 
 
-def counted(name: str, seeds: int) -> dict[str, int]:
+def count_voxels(name: str, seeds: int) -> dict[str, int]:
     """Numbers of voxels: filled by objects; observed; observed or below; the filled ones of the last two."""
-    found: dict[str, int] = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
+    counts: dict[str, int] = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
     with Simulator(read_task(CONF / "task" / f"{name}.yaml"), width_px=320, height_px=240) as world:
         for seed in range(seeds):
             planning_scene = PlanningScene(world.task, world.reset(seed))
-            filled = voxels(planning_scene.standing(list(world.task.objects)))
-            seen = look(world.depth(), world.camera_models(), planning_scene)
-            below = down_to_table(seen)
-            found["filled"] += len(filled)
-            found["seen"] += len(seen)
-            found["below"] += len(below)
-            found["seen_filled"] += len(shared(seen, filled))
-            found["below_filled"] += len(shared(below, filled))
-    return found
+            filled = voxels(planning_scene.static_objects(list(world.task.objects)))
+            observed = occupied_voxels(world.depth(), world.camera_models(), planning_scene)
+            below = down_to_table(observed)
+            counts["filled"] += len(filled)
+            counts["seen"] += len(observed)
+            counts["below"] += len(below)
+            counts["seen_filled"] += len(shared(observed, filled))
+            counts["below_filled"] += len(shared(below, filled))
+    return counts
 
 
-def shares(found: dict[str, int]) -> dict[str, float]:
+def shares(counts: dict[str, int]) -> dict[str, float]:
     return {
-        "seen": round(found["seen_filled"] / found["filled"], 3),
-        "seen_or_below": round(found["below_filled"] / found["filled"], 3),
-        "there": round(found["seen_filled"] / found["seen"], 3),
-        "there_below": round(found["below_filled"] / found["below"], 3),
+        "seen": round(counts["seen_filled"] / counts["filled"], 3),
+        "seen_or_below": round(counts["below_filled"] / counts["filled"], 3),
+        "there": round(counts["seen_filled"] / counts["seen"], 3),
+        "there_below": round(counts["below_filled"] / counts["below"], 3),
     }
 
 
@@ -49,10 +49,10 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--task", default="all", choices=["all", *TASKS])
     parser.add_argument("--seeds", type=int, default=5)
-    arguments = parser.parse_args()
+    args = parser.parse_args()
     total: dict[str, int] = {}
-    for task in TASKS if arguments.task == "all" else [arguments.task]:
-        found = counted(task, arguments.seeds)
-        total = {key: total.get(key, 0) + count for key, count in found.items()}
-        print(json.dumps({"task": task, **shares(found)}), flush=True)
+    for task in TASKS if args.task == "all" else [args.task]:
+        counts = count_voxels(task, args.seeds)
+        total = {key: total.get(key, 0) + count for key, count in counts.items()}
+        print(json.dumps({"task": task, **shares(counts)}), flush=True)
     print(json.dumps({"task": "all", **shares(total)}))

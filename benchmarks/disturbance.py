@@ -20,46 +20,48 @@ from omegaconf import OmegaConf
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.experiment import read_experiment
-from rf_exp.policy.inputs.coordination import hesitates
+from rf_exp.policy.inputs.coordination import held_up_mask
 from rf_exp.types import ARM_JOINTS, CONTROL_HZ, NO_PICTURES, Episode
 
 FAST = ("policy=fast", "recipe=fast", "render=false", "stages=[generate]")
-OFF_RAD = 1e-3
-SHOWN = (50, 90, 99)  # percentiles
+DEVIATION_RAD = 1e-3
+PERCENTILES = (50, 90, 99)
 
 
-def steepest(commands: NDArray[np.float32]) -> tuple[float, float]:
+def largest_rates(commands: NDArray[np.float32]) -> tuple[float, float]:
     """The largest velocity in rad/s and acceleration in rad/s2 of any joint in commands (T, N, 8)."""
     velocity = np.diff(commands[..., :ARM_JOINTS].astype(float), axis=0) * CONTROL_HZ
     return float(np.abs(velocity).max()), float(np.abs(np.diff(velocity, axis=0)).max() * CONTROL_HZ)
 
 
-def off(settings: Settings, episode: Episode) -> NDArray[np.float64]:
+def deviations(settings: Settings, episode: Episode) -> NDArray[np.float64]:
     """Deviations (K, 2) of the worst joint in rad and of the TCP in m, in steps without hesitation."""
-    action, executed = (each.astype(float) for each in (episode.action, episode.commanded))
+    action, executed = (commands.astype(float) for commands in (episode.action, episode.commanded))
     joints = np.abs(executed - action)[..., :ARM_JOINTS].max(axis=2)
-    hands = [
-        np.linalg.norm(np.subtract(*(arm.tcp(each[:, k])[:, :3, 3] for each in (executed, action))), axis=1)
+    tcp_deviations = [
+        np.linalg.norm(
+            np.subtract(*(arm.tcp(commands[:, k])[:, :3, 3] for commands in (executed, action))), axis=1
+        )
         for k, arm in enumerate(settings.task.arms.values())
     ]
-    return np.stack([joints, np.stack(hands, axis=1)], axis=2)[~hesitates(action, executed)]
+    return np.stack([joints, np.stack(tcp_deviations, axis=1)], axis=2)[~held_up_mask(action, executed)]
 
 
-def measured(settings: Settings, seeds: range) -> dict[str, Any]:
+def measure(settings: Settings, seeds: range) -> dict[str, Any]:
     """Results of the seeds of one task."""
     outcomes = [make_episode(settings, NO_PICTURES, seed) for seed in seeds]
-    episodes = [each.episode for each in outcomes if each.episode is not None]
-    away = np.concatenate([off(settings, each) for each in episodes])
-    far = away[:, 0] > OFF_RAD
+    episodes = [outcome.episode for outcome in outcomes if outcome.episode is not None]
+    deviations_ = np.concatenate([deviations(settings, episode) for episode in episodes])
+    deviating = deviations_[:, 0] > DEVIATION_RAD
     return {
         "succeeded": len(episodes),
-        "lost": {each.seed: each.reason for each in outcomes if each.episode is None},
-        "action": np.max([steepest(each.action) for each in episodes], axis=0).tolist(),
-        "executed": np.max([steepest(each.commanded) for each in episodes], axis=0).tolist(),
-        "measured_rad_s": max(float(np.abs(each.qvel[..., :ARM_JOINTS]).max()) for each in episodes),
-        "off": float(far.mean()),
-        "off_rad": np.percentile(away[far, 0], SHOWN).tolist(),
-        "off_m": np.percentile(away[far, 1], SHOWN).tolist(),
+        "lost": {outcome.seed: outcome.reason for outcome in outcomes if outcome.episode is None},
+        "action": np.max([largest_rates(episode.action) for episode in episodes], axis=0).tolist(),
+        "executed": np.max([largest_rates(episode.commanded) for episode in episodes], axis=0).tolist(),
+        "measured_rad_s": max(float(np.abs(episode.qvel[..., :ARM_JOINTS]).max()) for episode in episodes),
+        "off": float(deviating.mean()),
+        "off_rad": np.percentile(deviations_[deviating, 0], PERCENTILES).tolist(),
+        "off_m": np.percentile(deviations_[deviating, 1], PERCENTILES).tolist(),
     }
 
 
@@ -70,29 +72,29 @@ def main() -> None:
     parser.add_argument("--tasks", default="all", help="separated by commas")
     parser.add_argument("--first", type=int, default=5000)
     parser.add_argument("--seeds", type=int, default=25, help="consecutive ones")
-    given = parser.parse_args()
+    args = parser.parse_args()
     register_all_tasks()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = compose("config", [*FAST, "task=all"])
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
-    found = {}
+    results = {}
     for task in experiment.tasks:
-        if given.tasks != "all" and task.name not in given.tasks.split(","):
+        if args.tasks != "all" and task.name not in args.tasks.split(","):
             continue
         settings = experiment.settings(task, experiment.constraint_sets[0])
-        found[task.name] = each = measured(settings, range(given.first, given.first + given.seeds))
-        radians, metres = (" ".join(f"{value:.3f}" for value in each[key]) for key in ("off_rad", "off_m"))
+        results[task.name] = result = measure(settings, range(args.first, args.first + args.seeds))
+        radians, metres = (" ".join(f"{value:.3f}" for value in result[key]) for key in ("off_rad", "off_m"))
         print(
-            f"{task.name}: {each['succeeded']} of {given.seeds}; action {each['action'][0]:.3f} rad/s "
-            f"{each['action'][1]:.3f} rad/s2, executed {each['executed'][0]:.3f} {each['executed'][1]:.2f}, "
-            f"measured {each['measured_rad_s']:.3f} rad/s; off in {100 * each['off']:.0f} %: "
-            f"{radians} rad, {metres} m",
-            *(f"  lost {seed}: {why}" for seed, why in each["lost"].items()),
+            f"{task.name}: {result['succeeded']} of {args.seeds}; action {result['action'][0]:.3f} rad/s "
+            f"{result['action'][1]:.3f} rad/s2, executed {result['executed'][0]:.3f} "
+            f"{result['executed'][1]:.2f}, measured {result['measured_rad_s']:.3f} rad/s; "
+            f"off in {100 * result['off']:.0f} %: {radians} rad, {metres} m",
+            *(f"  lost {seed}: {reason}" for seed, reason in result["lost"].items()),
             sep="\n",
             flush=True,
         )
     print(
-        json.dumps({"benchmark": "disturbance", "first": given.first, "seeds": given.seeds, "tasks": found})
+        json.dumps({"benchmark": "disturbance", "first": args.first, "seeds": args.seeds, "tasks": results})
     )
 
 

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs import Observations, environment_id, parallel_env
-from rf_exp.envs.core import configured, find_task
+from rf_exp.envs.core import find_task, task_names
 from rf_exp.sim import Simulator
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
 SEED = 0
-FACES = ("gymnasium", "pettingzoo")
+INTERFACES = ("gymnasium", "pettingzoo")
 
 
 class Clock:
@@ -60,22 +60,22 @@ def expert(name: str) -> NDArray[np.float32]:
 def steps_ms(name: str, clock: Clock, repeats: int, options: dict[str, Any]) -> NDArray[np.float64]:
     """Mean ms (faces, 2) of a step: in the simulator, and in the rest."""
     commands = expert(name)
-    single, several = gymnasium.make(environment_id(name), **options), parallel_env(name, **options)
-    agents = several.possible_agents
-    of_agents = [dict(zip(agents, command, strict=True)) for command in commands]
-    times_ms = np.empty((len(FACES), 2, repeats, len(commands)))
+    single, parallel = gymnasium.make(environment_id(name), **options), parallel_env(name, **options)
+    agents = parallel.possible_agents
+    agent_commands = [dict(zip(agents, command, strict=True)) for command in commands]
+    times_ms = np.empty((len(INTERFACES), 2, repeats, len(commands)))
     for repeat in range(repeats):
         single.reset(seed=SEED)
-        several.reset(seed=SEED)
-        for k, told in enumerate(zip(commands, of_agents, strict=True)):
-            for face, environment in enumerate((single, several)):
+        parallel.reset(seed=SEED)
+        for k, commands_of_step in enumerate(zip(commands, agent_commands, strict=True)):
+            for interface, environment in enumerate((single, parallel)):
                 clock.ms, began = 0.0, time.perf_counter()
-                environment.step(told[face])
+                environment.step(commands_of_step[interface])
                 rest_ms = 1e3 * (time.perf_counter() - began) - clock.ms
-                times_ms[face, :, repeat, k] = clock.ms, rest_ms
-        assert several.core.episode.success, f"{name}: played again, the episode does not succeed"
+                times_ms[interface, :, repeat, k] = clock.ms, rest_ms
+        assert parallel.core.episode.success, f"{name}: played again, the episode does not succeed"
     single.close()
-    several.close()
+    parallel.close()
     return times_ms.min(axis=2).mean(axis=2)
 
 
@@ -83,23 +83,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--tasks", default=",".join(configured()))
+    parser.add_argument("--tasks", default=",".join(task_names()))
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--pictures", action="store_true")
     parser.add_argument("--overlaps", action="store_true")
-    given = parser.parse_args()
+    args = parser.parse_args()
     clock = Clock()
     Simulator.step = clock.on(Simulator.step)  # before any environment is made
     Simulator.images = clock.on(Simulator.images)
-    options = {"observations": Observations(pictures=given.pictures), "overlaps": given.overlaps}
-    ratios: dict[str, dict[str, float]] = {face: {} for face in FACES}
-    for name in given.tasks.split(","):
-        said = []
-        for face, (own_ms, rest_ms) in zip(FACES, steps_ms(name, clock, given.repeats, options), strict=True):
-            ratios[face][name] = round(1 + rest_ms / own_ms, 3)
-            said.append(f"{face} {own_ms:.2f} ms and {rest_ms:.3f} ms, {ratios[face][name]:.3f}")
-        print(f"{name}: {'; '.join(said)}", flush=True)
-    worst = {f"{face}_worst": max(of.values()) for face, of in ratios.items()}
+    options = {"observations": Observations(pictures=args.pictures), "overlaps": args.overlaps}
+    ratios: dict[str, dict[str, float]] = {interface: {} for interface in INTERFACES}
+    for name in args.tasks.split(","):
+        texts = []
+        for interface, (own_ms, rest_ms) in zip(
+            INTERFACES, steps_ms(name, clock, args.repeats, options), strict=True
+        ):
+            ratios[interface][name] = round(1 + rest_ms / own_ms, 3)
+            texts.append(f"{interface} {own_ms:.2f} ms and {rest_ms:.3f} ms, {ratios[interface][name]:.3f}")
+        print(f"{name}: {'; '.join(texts)}", flush=True)
+    worst = {f"{interface}_worst": max(ratio_by_task.values()) for interface, ratio_by_task in ratios.items()}
     print(json.dumps({"benchmark": "environment", **worst, **ratios}))
 
 

@@ -13,15 +13,15 @@ from statistics import mean
 
 from each_task import measure_each
 
-from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen import EpisodeGenerator, Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
-from rf_exp.sim import Limited, Simulator
+from rf_exp.sim import CameraSubset, Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
 
 
-def measured(task: Task, seeds: int) -> dict[str, float]:
+def measure(task: Task, seeds: int) -> dict[str, float]:
     """Mean CPU seconds of an episode, including the reset, and of its commands alone.
 
     Raises ArgumentError for a seed without an episode.
@@ -31,8 +31,8 @@ def measured(task: Task, seeds: int) -> dict[str, float]:
     with Simulator(task, render=False) as world:
         for seed in range(-1, seeds):  # the first one fills caches
             began = time.process_time()
-            maker = EpisodeMaker(settings, Limited(world), settings.make_brain(max(seed, 0)))
-            outcome = maker.make(max(seed, 0))
+            generator = EpisodeGenerator(settings, CameraSubset(world), settings.make_brain(max(seed, 0)))
+            outcome = generator.make(max(seed, 0))
             episodes_s.append(time.process_time() - began)
             if outcome.episode is None:
                 raise ArgumentError(f"{task.name}, seed {seed}: {outcome.reason}")
@@ -41,16 +41,16 @@ def measured(task: Task, seeds: int) -> dict[str, float]:
             for command in outcome.episode.action.astype(float):
                 world.step(command)
             physics_s.append(time.process_time() - began)
-    found = {"episode_s": mean(episodes_s[1:]), "physics_s": mean(physics_s[1:])}
-    found["ratio"] = found["episode_s"] / found["physics_s"]
-    return {key: round(value, 3) for key, value in found.items()}
+    result = {"episode_s": mean(episodes_s[1:]), "physics_s": mean(physics_s[1:])}
+    result["ratio"] = result["episode_s"] / result["physics_s"]
+    return {key: round(value, 3) for key, value in result.items()}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    measure_each(parser, measured, seeds=3)
+    measure_each(parser, measure, seeds=3)
 
 
 if __name__ == "__main__":

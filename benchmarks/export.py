@@ -24,19 +24,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
     parser.add_argument("store", type=Path)
     parser.add_argument("--formats", nargs="+", choices=WAYS, default=WAYS)
-    given = parser.parse_args()
-    store, began = Store.open(given.store), now()
-    validate([given.store])
+    args = parser.parse_args()
+    store, began = Store.open(args.store), now()
+    validate([args.store])
     result: dict[str, dict[str, float]] = {
-        "store": {"MiB": mib(given.store), "episodes": len(store), "steps": store.steps},
+        "store": {"MiB": mib(args.store), "episodes": len(store), "steps": store.steps},
         "validate": since(began),
     }
     with TemporaryDirectory(prefix="rf_exp-") as folder:
-        for name in given.formats:
+        for name in args.formats:
             form, _, pictures = name.partition("-")
-            to, began = Path(folder) / name, now()
-            export(given.store, to, form, pictures)
-            size = {"MiB": mib(to), "times_the_store": round(mib(to) / mib(given.store), 2)}
+            target, began = Path(folder) / name, now()
+            export(args.store, target, form, pictures)
+            size = {"MiB": mib(target), "times_the_store": round(mib(target) / mib(args.store), 2)}
             result[name] = since(began) | size
     print(json.dumps(result))
 

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from rf_exp.constraints import CONTACT_N
-from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
-from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
-from rf_exp.errors import choices
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Planned, Settings
+from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, fault_applies
+from rf_exp.errors import unknown_choice
 from rf_exp.findings import Violation
 from rf_exp.processes import in_order
 from rf_exp.sim import shared_simulator
@@ -37,11 +37,11 @@ from rf_exp.texts import markdown
 from rf_exp.types import NO_PICTURES, CameraModel, ConstraintSet, Scene, SeeingWorld
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
-FULL, BLIND = ConstraintSet("full"), NO_PICTURES
+FULL, WITHOUT_PICTURES = ConstraintSet("full"), NO_PICTURES
 
 
 @dataclass(frozen=True)
-class Clean:
+class CleanResult:
     """Result of one clean plan. `check` and `reason` are empty unless it was an alarm."""
 
     task: str
@@ -54,7 +54,7 @@ class Clean:
 
 
 @dataclass(frozen=True)
-class Faulty:
+class FaultResult:
     """Result of one episode with a fault. `check` and `reason` are empty when it was not found."""
 
     task: str
@@ -72,35 +72,35 @@ class Faulty:
     part: str = "faulty"
 
 
-class _Decided(Exception):
+class _VerdictReached(Exception):
     """Ends an episode with the verdict on its first proposal: a plan to execute, or a violation."""
 
-    def __init__(self, found: Planned | Violation) -> None:
-        self.found = found
+    def __init__(self, verdict: Planned | Violation) -> None:
+        self.verdict = verdict
 
 
 class FirstJudgement(NullObserver):
     """Observer that ends the episode once its first proposal has been judged."""
 
     def planned(self, plan: Planned) -> None:
-        raise _Decided(plan)
+        raise _VerdictReached(plan)
 
     def rejected(self, violation: Violation) -> None:
-        raise _Decided(violation)
+        raise _VerdictReached(violation)
 
 
-def clean(task: Task, seed: int) -> Clean:
+def clean(task: Task, seed: int) -> CleanResult:
     settings, began = Settings.configured(task, FULL, ScriptedSpec()), time.perf_counter()
     try:
-        EpisodeMaker(
-            settings, shared_simulator(task, BLIND), settings.make_brain(seed), FirstJudgement()
+        EpisodeGenerator(
+            settings, shared_simulator(task, WITHOUT_PICTURES), settings.make_brain(seed), FirstJudgement()
         ).make(seed)
-        found: Planned | Violation | None = None
-    except _Decided as decided:
-        found = decided.found
-    assert found is not None, f"{task.name}, seed {seed}: the scripted brain proposes nothing"
-    check, reason = (found.check, found.sentence) if isinstance(found, Violation) else ("", "")
-    return Clean(task.name, seed, check, reason, round(time.perf_counter() - began, 2))
+        verdict: Planned | Violation | None = None
+    except _VerdictReached as reached:
+        verdict = reached.verdict
+    assert verdict is not None, f"{task.name}, seed {seed}: the scripted brain proposes nothing"
+    check, reason = (verdict.check, verdict.sentence) if isinstance(verdict, Violation) else ("", "")
+    return CleanResult(task.name, seed, check, reason, round(time.perf_counter() - began, 2))
 
 
 class Watched:
@@ -120,7 +120,7 @@ class Watched:
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         scene = self._world.step(action)
-        if self._brain.placed and self.watching:
+        if self._brain.inserted and self.watching:
             self.moved_steps += 1
             self.contact |= any(force_n > CONTACT_N for *_, force_n in scene.arm_contacts)
         return scene
@@ -143,24 +143,24 @@ class FirstRejection(NullObserver):
         self.violation: Violation | None = None
 
     def rejected(self, violation: Violation) -> None:
-        if self._brain.placed and self.violation is None:
+        if self._brain.inserted and self.violation is None:
             self.violation, self._world.watching = violation, False
 
 
-def faulty(task: Task, fault: str, seed: int) -> Faulty:
+def faulty(task: Task, fault: str, seed: int) -> FaultResult:
     spec = FaultySpec(fault)
     brain = spec.make(task, FULL, seed)
-    world = Watched(shared_simulator(task, BLIND), brain)
+    world = Watched(shared_simulator(task, WITHOUT_PICTURES), brain)
     observer = FirstRejection(world, brain)
-    outcome = EpisodeMaker(Settings.configured(task, FULL, spec), world, brain, observer).make(seed)
-    found = observer.violation
-    return Faulty(
+    outcome = EpisodeGenerator(Settings.configured(task, FULL, spec), world, brain, observer).make(seed)
+    violation = observer.violation
+    return FaultResult(
         task.name,
         fault,
         seed,
-        brain.placed,
-        found.check if found else "",
-        found.sentence if found else "",
+        brain.inserted,
+        violation.check if violation else "",
+        violation.sentence if violation else "",
         world.moved_steps,
         world.contact,
         outcome.success,
@@ -180,15 +180,15 @@ class Surveyor:
         self.room: set[str] = set()
 
     def answer(self, question: Question) -> str:
-        self.room |= {fault for fault in FAULTS if applies(fault, question.task, question.scene)}
+        self.room |= {fault for fault in FAULTS if fault_applies(fault, question.task, question.scene)}
         return self._brain.answer(question)
 
 
-def room_for(task: Task) -> set[str]:
+def applicable_faults(task: Task) -> set[str]:
     """The faults that apply to some proposal of a sound episode of a task."""
     settings = Settings.configured(task, FULL, ScriptedSpec())
     brain = Surveyor(settings.make_brain(0))
-    EpisodeMaker(settings, shared_simulator(task, BLIND), brain).make(0)
+    EpisodeGenerator(settings, shared_simulator(task, WITHOUT_PICTURES), brain).make(0)
     return brain.room
 
 
@@ -203,8 +203,8 @@ def jobs(
     tasks: Sequence[Task], faults: Sequence[str], seeds: int, plans: int, known: Mapping[Key, dict[str, Any]]
 ) -> Iterator[Any]:
     """The remaining jobs, task by task, so that simulators are reused."""
-    for at, task in enumerate(tasks):
-        for seed in range(plans * at // len(tasks), plans * (at + 1) // len(tasks)):
+    for index, task in enumerate(tasks):
+        for seed in range(plans * index // len(tasks), plans * (index + 1) // len(tasks)):
             if ("clean", task.name, "", seed) not in known:
                 yield partial(clean, task, seed)
         cells = [
@@ -213,9 +213,9 @@ def jobs(
             for seed in range(seeds)
             if ("faulty", task.name, fault, seed) not in known
         ]
-        room = room_for(task) if cells else set()
+        applicable = applicable_faults(task) if cells else set()
         for fault, seed in cells:
-            if fault in room:
+            if fault in applicable:
                 yield partial(faulty, task, fault, seed)
 
 
@@ -236,22 +236,22 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Markdown table with one line per fault."""
     lines = []
     for name, fault in FAULTS.items():
-        if mine := [row for row in rows if row["fault"] == name]:
-            lines.append((f"`{name}`{'' if fault.breaks else ' (*)'}", *cells(mine)))
+        if fault_rows := [row for row in rows if row["fault"] == name]:
+            lines.append((f"`{name}`{'' if fault.breaks else ' (*)'}", *cells(fault_rows)))
     return markdown.table(HEADINGS, lines)
 
 
 def cells(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """The cells of the table for the episodes of one fault."""
-    found = [row for row in rows if row["check"]]
-    by = Counter(row["check"] for row in found).most_common()
+    detected = [row for row in rows if row["check"]]
+    checks = Counter(row["check"] for row in detected).most_common()
     return (
         str(len({row["task"] for row in rows})),
         str(len(rows)),
-        share(len(found), rows),
-        share(sum(not row["moved_steps"] for row in found), rows),
+        share(len(detected), rows),
+        share(sum(not row["moved_steps"] for row in detected), rows),
         str(sum(row["contact"] for row in rows)),
-        ", ".join(f"{check} {count}" for check, count in by),
+        ", ".join(f"{check} {count}" for check, count in checks),
         share(sum(row["success"] for row in rows), rows),
         f"{mean(row['repairs'] for row in rows):.2f}",
     )
@@ -299,20 +299,20 @@ def report(rows: Sequence[Mapping[str, Any]]) -> None:
             print(f"alarm: {row['task']} {row['seed']}: {row['check']}: {row['reason'][:200]}")
     for row in faults:
         if FAULTS[row["fault"]].breaks and (not row["check"] or row["contact"]):
-            what = f"found late by {row['check']}" if row["check"] else "missed"
-            print(f"{what}: {row['fault']} on {row['task']} {row['seed']}: {row['reason'][:200]}")
+            problem = f"found late by {row['check']}" if row["check"] else "missed"
+            print(f"{problem}: {row['fault']} on {row['task']} {row['seed']}: {row['reason'][:200]}")
         if not row["success"]:
             print(f"not repaired: {row['fault']} on {row['task']} {row['seed']}: {row['end'][:300]}")
     print(json.dumps(totals(rows)))
 
 
-def named(given: str, known: Iterable[str], what: str) -> list[str]:
+def named(text: str, known: Iterable[str], kind: str) -> list[str]:
     """Parses `all`, or names separated by commas. Raises ArgumentError for an unknown name."""
     known = list(known)
-    names = known if given == "all" else given.split(",")
+    names = known if text == "all" else text.split(",")
     for name in names:
         if name not in known:
-            raise choices(what, name, known)
+            raise unknown_choice(kind, name, known)
     return names
 
 
@@ -326,22 +326,22 @@ def main() -> None:
     parser.add_argument("--faults", default="all", help="with commas between")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--log", type=Path, help="keep results here, and continue from it")
-    given = parser.parse_args()
-    names = named(given.tasks, sorted(path.stem for path in CONF.glob("*.yaml")), "task")
-    faults = named(given.faults, FAULTS, "fault")
+    args = parser.parse_args()
+    names = named(args.tasks, sorted(path.stem for path in CONF.glob("*.yaml")), "task")
+    faults = named(args.faults, FAULTS, "fault")
     tasks = []
     for name in names:
-        node = OmegaConf.to_object(OmegaConf.load(CONF / f"{name}.yaml"))
-        assert isinstance(node, dict)
-        tasks.append(load_task(name, node[name]))
+        config = OmegaConf.to_object(OmegaConf.load(CONF / f"{name}.yaml"))
+        assert isinstance(config, dict)
+        tasks.append(load_task(name, config[name]))
 
-    kept = given.log.read_text().splitlines() if given.log and given.log.exists() else []
-    rows = {key(row): row for row in map(json.loads, kept)}
-    for result in in_order(jobs(tasks, faults, given.seeds, given.clean, rows), given.workers):
+    lines = args.log.read_text().splitlines() if args.log and args.log.exists() else []
+    rows = {key(row): row for row in map(json.loads, lines)}
+    for result in in_order(jobs(tasks, faults, args.seeds, args.clean, rows), args.workers):
         row = asdict(result)
         rows[key(row)] = row
-        if given.log:
-            with given.log.open("a") as log:
+        if args.log:
+            with args.log.open("a") as log:
                 log.write(json.dumps(row) + "\n")
     report(list(rows.values()))
 

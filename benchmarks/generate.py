@@ -29,8 +29,8 @@ def per_hour(settings: Settings, pictures: Pictures, episodes: int, workers: int
     for _ in range(workers):
         next(outcomes)  # starts processes and renderers
     began = time.perf_counter()
-    made = sum(outcome.success for outcome in outcomes)
-    return made / (time.perf_counter() - began) * 3600
+    successes = sum(outcome.success for outcome in outcomes)
+    return successes / (time.perf_counter() - began) * 3600
 
 
 def main() -> None:
@@ -41,27 +41,27 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=8)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--size", type=int, nargs=2, default=(320, 240), help="width and height in pixels")
-    given = parser.parse_args()
-    node = OmegaConf.to_object(OmegaConf.load(CONF / f"{given.task}.yaml"))
-    assert isinstance(node, dict)
+    args = parser.parse_args()
+    config = OmegaConf.to_object(OmegaConf.load(CONF / f"{args.task}.yaml"))
+    assert isinstance(config, dict)
     settings = Settings.configured(
-        load_task(given.task, node[given.task]), ConstraintSet("full"), ScriptedSpec()
+        load_task(args.task, config[args.task]), ConstraintSet("full"), ScriptedSpec()
     )
-    width, height = given.size
-    found = {
-        f"{what}_{workers}": round(per_hour(settings, pictures, given.episodes, workers))
-        for workers in (1, given.workers)
-        for what, pictures in (
+    width, height = args.size
+    rates = {
+        f"{kind}_{workers}": round(per_hour(settings, pictures, args.episodes, workers))
+        for workers in (1, args.workers)
+        for kind, pictures in (
             ("states", NO_PICTURES),
             ("pictures", Pictures(width, height, render=True, cameras="all")),
         )
     }
     ratios = {
-        "states_over_pictures": found["states_1"] / found["pictures_1"],
-        "workers": found[f"states_{given.workers}"] / found["states_1"],
-        "workers_with_pictures": found[f"pictures_{given.workers}"] / found["pictures_1"],
+        "states_over_pictures": rates["states_1"] / rates["pictures_1"],
+        "workers": rates[f"states_{args.workers}"] / rates["states_1"],
+        "workers_with_pictures": rates[f"pictures_{args.workers}"] / rates["pictures_1"],
     }
-    per_hour_of = {"task": given.task, "episodes": given.episodes, "episodes_per_hour": found}
+    per_hour_of = {"task": args.task, "episodes": args.episodes, "episodes_per_hour": rates}
     print(json.dumps(per_hour_of | {name: round(value, 2) for name, value in ratios.items()}))
 
 

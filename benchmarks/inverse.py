@@ -22,12 +22,12 @@ def cost_ms(solver: Inverse, robot: Robot, joints: np.ndarray) -> tuple[float, f
     poses, last, limits = robot.tcp_pose(joints), joints[:, -1], robot.limits_rad
     solver.postures(poses[0], last[0], limits)
     began = time.process_time()
-    for pose, turn in zip(poses, last, strict=True):
-        solver.postures(pose, turn, limits)
-    each = time.process_time() - began
+    for pose, last_rad in zip(poses, last, strict=True):
+        solver.postures(pose, last_rad, limits)
+    single_s = time.process_time() - began
     solver.postures(poses, last, limits)
-    together = time.process_time() - began - each
-    return round(1e3 * each / len(joints), 4), round(1e3 * together / len(joints), 4)
+    batch_s = time.process_time() - began - single_s
+    return round(1e3 * single_s / len(joints), 4), round(1e3 * batch_s / len(joints), 4)
 
 
 def main() -> None:
@@ -36,7 +36,7 @@ def main() -> None:
     )
     parser.add_argument("--poses", type=int, default=100)
     poses = parser.parse_args().poses
-    found = {}
+    results = {}
     for robot in known_robots():
         try:
             rest = np.array(robot.rest_rad)
@@ -46,10 +46,10 @@ def main() -> None:
             print(f"{robot.name}: {error}")
             continue
         for name, solver in solvers.items():
-            call, of_many = cost_ms(solver, robot, joints)
-            found.setdefault(robot.name, {})[name] = {"call_ms": call, "of_many_ms": of_many}
-            print(f"{robot.name}, {name}: {call:.2f} ms a call, {of_many:.4f} ms a pose of {poses}")
-    print(json.dumps(found))
+            call_ms, batch_ms = cost_ms(solver, robot, joints)
+            results.setdefault(robot.name, {})[name] = {"call_ms": call_ms, "of_many_ms": batch_ms}
+            print(f"{robot.name}, {name}: {call_ms:.2f} ms a call, {batch_ms:.4f} ms a pose of {poses}")
+    print(json.dumps(results))
 
 
 if __name__ == "__main__":

@@ -20,9 +20,9 @@ import torch
 from loader import recipe
 
 from rf_exp.policy import Training, Windows, views
-from rf_exp.policy.examples.keypoints import HAND, HEADING
-from rf_exp.policy.examples.windows import shown
-from rf_exp.policy.networks.keypoint_encoder import OUT
+from rf_exp.policy.examples.keypoints import GRIPPER_POINTS, HEADING_SIZE
+from rf_exp.policy.examples.windows import expert_steps
+from rf_exp.policy.networks.keypoint_encoder import KEYPOINT_SIZE
 from rf_exp.store import Store
 from rf_exp.types import Arch
 
@@ -34,7 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("store", type=Path, nargs="?", default=DEMO, help="of the demo, unless said")
+    parser.add_argument("store", type=Path, nargs="?", default=DEMO, help="default: that of the demo")
     parser.add_argument("--train", type=int, default=40, help="episodes")
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch", type=int, default=64)
@@ -48,67 +48,70 @@ def main() -> None:
     parser.add_argument("--look", type=Path, help="another store, that is looked at in place of this one")
     parser.add_argument("--photometric", type=float, default=0.0, help="how far pictures are lit otherwise")
     parser.add_argument("--dilations", default="1,2,4", help="of the convolutions, in cells")
-    given = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    store = Store.open(given.store)
-    learned, other = store.first(given.train), Store.open(given.look or given.store)
-    seeds = np.repeat(other.seeds, np.diff(other.episode_ends, prepend=0))[shown(other)]
+    store = Store.open(args.store)
+    train_store, eval_store = store.first(args.train), Store.open(args.look or args.store)
+    seeds = np.repeat(eval_store.seeds, np.diff(eval_store.episode_ends, prepend=0))[expert_steps(eval_store)]
     keys = "policy.encoder.keypoints"
-    chosen = recipe(
+    experiment = recipe(
         "paper",
         *("policy.encoder.name=keypoints", "policy.context=true", "policy.crop=1.0"),
         *(f"picture.{side}={store.attrs[side]}" for side in ("height", "width")),
-        *(f"{keys}.downsample={given.downsample}", f"{keys}.crop_refinement={given.crop}"),
-        *(f"{keys}.photometric={given.photometric}", f"{keys}.steps={given.steps}"),
-        *(f"{keys}.shift_px={given.shift}", "policy.observation_steps=1"),
-        f"{keys}.dilations=[{given.dilations}]",
+        *(f"{keys}.downsample={args.downsample}", f"{keys}.crop_refinement={args.crop}"),
+        *(f"{keys}.photometric={args.photometric}", f"{keys}.steps={args.steps}"),
+        *(f"{keys}.shift_px={args.shift}", "policy.observation_steps=1"),
+        f"{keys}.dilations=[{args.dilations}]",
         *("training.epochs=null", "training.steps=1", "training.warmup_steps=50", "training.run_length=1"),
-        *(f"training.active_agent_sampling={given.active}", f"training.batch_size={given.batch}"),
-        f"training.learning_rate={given.rate}",
+        *(f"training.active_agent_sampling={args.active}", f"training.batch_size={args.batch}"),
+        f"training.learning_rate={args.rate}",
     )
-    config = chosen.policy
-    result: dict[str, object] = {"benchmark": "keypoints", "store": str(given.store)}
+    config = experiment.policy
+    result: dict[str, object] = {"benchmark": "keypoints", "store": str(args.store)}
     for view in views(Arch("separate_local", False, False), store.agents):
-        windows, everything = (Windows(each, view, config, CPU) for each in (learned, other))
-        training, began = Training(windows, view, config, chosen.training), time.process_time()
-        for _ in range(given.steps):
+        windows, eval_windows = (Windows(source, view, config, CPU) for source in (train_store, eval_store))
+        training, began = Training(windows, view, config, experiment.training), time.process_time()
+        for _ in range(args.steps):
             training.step()  # after the last one, the policy has averaged weights
         seconds = time.process_time() - began
         policy = training.policy.eval()
-        unseen = everything.active[~np.isin(seeds[everything.active], learned.seeds)]
-        pictures, rays, labels = everything.labelled(unseen)
+        held_out = eval_windows.active[~np.isin(seeds[eval_windows.active], train_store.seeds)]
+        pictures, rays, labels = eval_windows.labelled(held_out)
         began = time.process_time()
         with torch.inference_mode():
             parts = zip(pictures.split(64), rays.split(64), strict=True)
-            seen, places = zip(*(policy.look(*part) for part in parts), strict=True)
-        points, pixels = labels.points[:, :: len(HAND)], labels.pixels[:, :: len(HAND)]
-        seen, places = torch.cat(seen).unflatten(1, (-1, OUT)), torch.cat(places)[:, :: len(HAND)]
-        found, turned = seen[..., :3], seen[..., -1 - HEADING : -1]
-        milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
+            predictions, places = zip(*(policy.encode_centre_crops(*part) for part in parts), strict=True)
+        points, pixels = labels.points[:, :: len(GRIPPER_POINTS)], labels.pixels[:, :: len(GRIPPER_POINTS)]
+        predictions, places = (
+            torch.cat(predictions).unflatten(1, (-1, KEYPOINT_SIZE)),
+            torch.cat(places)[:, :: len(GRIPPER_POINTS)],
+        )
+        predicted_points, predicted_headings = predictions[..., :3], predictions[..., -1 - HEADING_SIZE : -1]
+        milliseconds = 1e3 * (time.process_time() - began) / len(held_out)
         sides = torch.tensor([config.width, config.height])
-        off = {
-            "mm": 1e3 * (found - points).norm(dim=2),
+        errors = {
+            "mm": 1e3 * (predicted_points - points).norm(dim=2),
             "pixels": ((places - pixels) * sides).norm(dim=2),
-            "degrees": _askew_deg(turned, labels.headings),
+            "degrees": _heading_error_deg(predicted_headings, labels.headings),
         }
         inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)
-        of_view: dict[str, object] = {
-            unit: [_said(values[inside[:, k], k]) for k in range(inside.shape[1])]
-            for unit, values in off.items()
+        view_result: dict[str, object] = {
+            unit: [_quantiles(values[inside[:, k], k]) for k in range(inside.shape[1])]
+            for unit, values in errors.items()
         }
-        of_view |= {"ms": round(milliseconds, 2), "training_s": round(seconds)}
-        result[view.name] = of_view
-        print(f"{view.name}: {of_view}", flush=True)
+        view_result |= {"ms": round(milliseconds, 2), "training_s": round(seconds)}
+        result[view.name] = view_result
+        print(f"{view.name}: {view_result}", flush=True)
     print(json.dumps(result))
 
 
-def _askew_deg(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
+def _heading_error_deg(predicted: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
     """Error of headings (..., 6) in degrees, modulo half a turn."""
-    twice = [torch.atan2(each[..., 3], each[..., 2]) for each in (found, true)]
+    twice = [torch.atan2(heading[..., 3], heading[..., 2]) for heading in (predicted, true)]
     return torch.rad2deg((twice[0] - twice[1] + torch.pi) % (2 * torch.pi) - torch.pi).abs() / 2
 
 
-def _said(values: torch.Tensor) -> list[float] | None:
+def _quantiles(values: torch.Tensor) -> list[float] | None:
     """Median and 90th percentile."""
     if not len(values):
         return None

@@ -49,11 +49,11 @@ STAGES = {  # stage -> folders that it needs from earlier ones
     "train": ("data", "results/generate"),
     "evaluate": ("data", "results/generate", "policies"),
 }
-TARGETS = [
+KILLS = [
     (who, number) for number in (signal.SIGKILL, signal.SIGTERM) for who in ("group", "parent", "worker")
 ]
-GONE_S = 5.0
-HANG_S = 600.0  # after which a run counts as hanging
+EXIT_LIMIT_S = 5.0
+HANG_LIMIT_S = 600.0  # after which a run counts as hanging
 TIMES = ("wall_s", "crc32")  # fields of a row to ignore; the checksum includes the time
 CURVE = ("step", "steps", "epoch", "loss", "learning_rate")  # columns of a training curve other than times
 
@@ -61,11 +61,11 @@ CURVE = ("step", "steps", "epoch", "loss", "learning_rate")  # columns of a trai
 def start(stage: str, out: Path) -> subprocess.Popen[bytes]:
     """Starts the command in a session of its own, with its output in `out/said.txt`."""
     out.mkdir(parents=True, exist_ok=True)
-    with (out / "said.txt").open("ab") as said:
+    with (out / "said.txt").open("ab") as log:
         return subprocess.Popen(
             [sys.executable, "-m", "rf_exp.run", *TINY, f"stages=[{stage}]", f"out={out}"],
-            stdout=said,
-            stderr=said,
+            stdout=log,
+            stderr=log,
             start_new_session=True,
         )
 
@@ -86,20 +86,20 @@ def session(leader: int) -> list[int]:
 
 def workers(leader: int) -> list[int]:
     """The worker processes of a run."""
-    found = []
+    worker_pids = []
     for pid in session(leader):
         try:
             command = Path(f"/proc/{pid}/cmdline").read_bytes()
         except (FileNotFoundError, ProcessLookupError):
             continue
         if b"spawn_main" in command and int((status(pid) or [0, 0])[1]) == leader:
-            found.append(pid)
-    return found
+            worker_pids.append(pid)
+    return worker_pids
 
 
 def at_work(run: subprocess.Popen[bytes]) -> bool:
     """Waits until the run has workers; False when it ends without."""
-    end = time.monotonic() + HANG_S
+    end = time.monotonic() + HANG_LIMIT_S
     while run.poll() is None and time.monotonic() < end:
         if workers(run.pid):
             return True
@@ -109,19 +109,19 @@ def at_work(run: subprocess.Popen[bytes]) -> bool:
 
 def content(out: Path) -> dict[str, Any]:
     """Path -> content that must equal that of an undisturbed run."""
-    found: dict[str, Any] = {}
+    contents: dict[str, Any] = {}
     for path in sorted(path for part in ("data", "policies") for path in (out / part).rglob("*")):
         name = str(path.relative_to(out))
         if path.suffix == ".lock" or not path.is_file():
             continue
         if path.name == "curves.csv":
             with path.open(newline="") as file:
-                found[name] = [[row[column] for column in CURVE] for row in csv.DictReader(file)]
+                contents[name] = [[row[column] for column in CURVE] for row in csv.DictReader(file)]
         else:
-            found[name] = path.read_bytes()
+            contents[name] = path.read_bytes()
     for name, rows in all_rows(out):
-        found[name] = [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
-    return found
+        contents[name] = [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
+    return contents
 
 
 def all_rows(out: Path) -> Iterator[tuple[str, list[dict[str, Any]]]]:
@@ -142,14 +142,14 @@ def temporary(out: Path) -> list[str]:
     return [str(path) for path in names if "partial" in path.name or path.name == "state.safetensors"]
 
 
-def trial(stage: str, number: int, seed: int, whole: Path, work_s: float, out: Path) -> dict[str, Any]:
+def trial(stage: str, number: int, seed: int, reference: Path, work_s: float, out: Path) -> dict[str, Any]:
     """Result of one kill, and of the same command after it."""
     rng = np.random.default_rng([seed, list(STAGES).index(stage), number])
-    who, sign = TARGETS[number % len(TARGETS)]
+    target, signal_number = KILLS[number % len(KILLS)]
     shutil.rmtree(out, ignore_errors=True)
     for part in STAGES[stage]:
-        shutil.copytree(whole / part, out / part)
-    result: dict[str, Any] = {"stage": stage, "trial": number, "who": who, "signal": sign.name}
+        shutil.copytree(reference / part, out / part)
+    result: dict[str, Any] = {"stage": stage, "trial": number, "who": target, "signal": signal_number.name}
     began, run = time.monotonic(), start(stage, out)
     if at_work(run):
         at_work_since = time.monotonic()
@@ -157,15 +157,15 @@ def trial(stage: str, number: int, seed: int, whole: Path, work_s: float, out: P
         with suppress(subprocess.TimeoutExpired):
             run.wait(result["after_s"])
             result["work_s"] = round(time.monotonic() - at_work_since, 2)  # ended before the kill
-    victims = {"group": session(run.pid), "parent": [run.pid], "worker": workers(run.pid)}[who]
+    victims = {"group": session(run.pid), "parent": [run.pid], "worker": workers(run.pid)}[target]
     result["hit"] = run.poll() is None and bool(victims)
     if result["hit"]:
-        if who == "group":
-            os.killpg(run.pid, sign)
+        if target == "group":
+            os.killpg(run.pid, signal_number)
         else:
-            os.kill(int(rng.choice(victims)), sign)
+            os.kill(int(rng.choice(victims)), signal_number)
     killed, result["gone_s"] = time.monotonic(), None
-    while time.monotonic() - killed < (GONE_S if result["hit"] else HANG_S):
+    while time.monotonic() - killed < (EXIT_LIMIT_S if result["hit"] else HANG_LIMIT_S):
         if run.poll() is not None and not session(run.pid):
             result["gone_s"] = round(time.monotonic() - killed, 2)
             break
@@ -175,11 +175,11 @@ def trial(stage: str, number: int, seed: int, whole: Path, work_s: float, out: P
         os.kill(pid, signal.SIGKILL)
     result["code"] = run.wait()
     again = start(stage, out)
-    result["code_again"] = again.wait(HANG_S)
-    was, now = content(whole), content(out)
-    ours = [name for name in was if belongs(stage, name)]
-    result["differing"] = [name for name in ours if was[name] != now.get(name)]
-    result["differing"] += [name for name in now if belongs(stage, name) and name not in was]
+    result["code_again"] = again.wait(HANG_LIMIT_S)
+    expected, actual = content(reference), content(out)
+    names = [name for name in expected if belongs(stage, name)]
+    result["differing"] = [name for name in names if expected[name] != actual.get(name)]
+    result["differing"] += [name for name in actual if belongs(stage, name) and name not in expected]
     result["repeated"], result["temporary"] = repeated(out), temporary(out)
     result["wall_s"] = round(time.monotonic() - began, 1)
     return result
@@ -191,33 +191,33 @@ def belongs(stage: str, name: str) -> bool:
     return not name.startswith(later[stage])
 
 
-def undisturbed(whole: Path) -> dict[str, float]:
+def undisturbed(reference: Path) -> dict[str, float]:
     """Runs the whole experiment once; returns the seconds of each stage since its first worker started."""
-    path = whole / "seconds.json"
+    path = reference / "seconds.json"
     if not path.exists():
-        shutil.rmtree(whole, ignore_errors=True)
+        shutil.rmtree(reference, ignore_errors=True)
         seconds = {}
         for stage in STAGES:
-            run = start(stage, whole)
-            assert at_work(run), (whole / "said.txt").read_text()
+            run = start(stage, reference)
+            assert at_work(run), (reference / "said.txt").read_text()
             began = time.monotonic()
-            if run.wait(HANG_S):
-                raise SystemExit((whole / "said.txt").read_text())
+            if run.wait(HANG_LIMIT_S):
+                raise SystemExit((reference / "said.txt").read_text())
             seconds[stage] = time.monotonic() - began
         path.write_text(json.dumps(seconds))
     return json.loads(path.read_text())
 
 
 def summary(trials: list[Mapping[str, Any]]) -> dict[str, Any]:
-    hits = [each for each in trials if each["hit"]]
+    hits = [trial for trial in trials if trial["hit"]]
     return {
         "kills": len(hits),
-        "ended": sum(each["code_again"] == 0 for each in hits),
-        "equal": sum(not each["differing"] for each in hits),
-        "one_row_a_seed": sum(not each["repeated"] for each in hits),
-        "gone_in_5_s": sum(each["left"] == 0 and each["gone_s"] is not None for each in hits),
-        "longest_s": max((each["gone_s"] or GONE_S for each in hits), default=None),
-        "nothing_temporary": sum(not each["temporary"] for each in hits),
+        "ended": sum(trial["code_again"] == 0 for trial in hits),
+        "equal": sum(not trial["differing"] for trial in hits),
+        "one_row_a_seed": sum(not trial["repeated"] for trial in hits),
+        "gone_in_5_s": sum(trial["left"] == 0 and trial["gone_s"] is not None for trial in hits),
+        "longest_s": max((trial["gone_s"] or EXIT_LIMIT_S for trial in hits), default=None),
+        "nothing_temporary": sum(not trial["temporary"] for trial in hits),
     }
 
 
@@ -229,25 +229,33 @@ def main() -> None:
     parser.add_argument("--stages", default=",".join(STAGES), help="with commas between")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("outputs/kills"))
-    given = parser.parse_args()
-    folder = given.folder.resolve()
+    args = parser.parse_args()
+    folder = args.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     log, work_s = folder / "log.jsonl", undisturbed(folder / "whole")
     done = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
-    for stage in given.stages.split(","):
-        of_stage = [each for each in done if each["stage"] == stage]
+    for stage in args.stages.split(","):
+        of_stage = [trial_result for trial_result in done if trial_result["stage"] == stage]
         number = len(of_stage)
-        while sum(each["hit"] for each in of_stage) < given.kills:
+        while sum(trial_result["hit"] for trial_result in of_stage) < args.kills:
             # The machine may have become faster since; kills should hit a run at work.
-            lasts_s = min([work_s[stage], *(each["work_s"] for each in of_stage if "work_s" in each)])
-            result = trial(stage, number, given.seed, folder / "whole", lasts_s, folder / "trial")
+            lasts_s = min(
+                [
+                    work_s[stage],
+                    *(trial_result["work_s"] for trial_result in of_stage if "work_s" in trial_result),
+                ]
+            )
+            result = trial(stage, number, args.seed, folder / "whole", lasts_s, folder / "trial")
             number += 1
-            for kept in (of_stage, done):
-                kept.append(result)
+            for results in (of_stage, done):
+                results.append(result)
             with log.open("a") as file:
                 file.write(json.dumps(result) + "\n")
             print(json.dumps(result), flush=True)
-    by_stage = {stage: summary([each for each in done if each["stage"] == stage]) for stage in STAGES}
+    by_stage = {
+        stage: summary([trial_result for trial_result in done if trial_result["stage"] == stage])
+        for stage in STAGES
+    }
     print(json.dumps({"benchmark": "kills", **by_stage}))
 
 

@@ -29,10 +29,10 @@ def named(name: str, *modules: str) -> Any:
     raise ImportError(f"lerobot {metadata.version('lerobot')} has no {name} in {', '.join(modules)}")
 
 
-def compare(data: Any, store: zarr.Group, looked_at: int) -> dict[str, bool]:
+def compare(data: Any, store: zarr.Group, row_count: int) -> dict[str, bool]:
     """Whether states, actions and pictures equal those of the store, in rows spread over all of it."""
     arrays: Any = store["data"]
-    rows = np.unique(np.linspace(0, len(data) - 1, looked_at).astype(int)).tolist()
+    rows = np.unique(np.linspace(0, len(data) - 1, row_count).astype(int)).tolist()
     items = [data[row] for row in rows]
     pairs = {"observation.state": "qpos", "action": "action"}
     same = {
@@ -62,10 +62,12 @@ def train(folder: Path, data: Any, batch_size: int) -> float:
     from lerobot.policies.factory import make_pre_post_processors
 
     dataset = type(data)
-    of_policy = named("dataset_to_policy_features", "lerobot.datasets.utils", "lerobot.utils.feature_utils")
-    features = of_policy(data.meta.features)
-    outputs = {name: each for name, each in features.items() if each.type is FeatureType.ACTION}
-    inputs = {name: each for name, each in features.items() if name not in outputs}
+    to_policy_features = named(
+        "dataset_to_policy_features", "lerobot.datasets.utils", "lerobot.utils.feature_utils"
+    )
+    features = to_policy_features(data.meta.features)
+    outputs = {name: feature for name, feature in features.items() if feature.type is FeatureType.ACTION}
+    inputs = {name: feature for name, feature in features.items() if name not in outputs}
     assert list(outputs) == ["action"] and "observation.state" in inputs
     config = ACTConfig(
         input_features=inputs,
@@ -95,13 +97,13 @@ def main() -> None:
     parser.add_argument("export", type=Path)
     parser.add_argument("store", type=Path)
     parser.add_argument("--rows", type=int, default=60, help="to compare")
-    given = parser.parse_args()
+    args = parser.parse_args()
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     began = time.perf_counter()
-    data = LeRobotDataset("rf_exp", root=given.export)
-    same = compare(data, zarr.open_group(given.store, mode="r"), given.rows)
-    loss = train(given.export, data, 8)
+    data = LeRobotDataset("rf_exp", root=args.export)
+    same = compare(data, zarr.open_group(args.store, mode="r"), args.rows)
+    loss = train(args.export, data, 8)
     print(data)
     result = {
         "lerobot": metadata.version("lerobot"),

@@ -37,7 +37,7 @@ class LeRobot:
         print(file=self._process.stdin, flush=True)
         answer = self._process.stdout.readline()
         if not answer:
-            sys.exit(f"lerobot ended with exit code {self._process.wait()}; what it said stands above")
+            sys.exit(f"lerobot ended with exit code {self._process.wait()}; its output is above")
         return float(answer)
 
     def __enter__(self) -> "LeRobot":
@@ -50,7 +50,7 @@ class LeRobot:
         self._process.wait()
 
 
-def theirs(what: str) -> Any:
+def lerobot_policy(what: str) -> Any:
     """LeRobot's policy, in the paper's shapes."""
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
@@ -78,7 +78,7 @@ def theirs(what: str) -> Any:
 
 def step_of(what: str, count: int) -> Callable[[], None]:
     """A function for one forward and backward pass on a batch of windows, or for one chunk of actions."""
-    policy = theirs(what)
+    policy = lerobot_policy(what)
     batch = {
         "observation.state": torch.rand(count, FRAMES, SIZE),
         "observation.images.own": torch.rand(count, FRAMES, 3, HEIGHT, WIDTH),
@@ -92,8 +92,8 @@ def step_of(what: str, count: int) -> Callable[[], None]:
 
     @torch.inference_mode()
     def call() -> None:
-        seen = {"observation.images": batch["observation.images.own"].unsqueeze(2)}
-        policy.diffusion.generate_actions({"observation.state": batch["observation.state"], **seen})
+        images = {"observation.images": batch["observation.images.own"].unsqueeze(2)}
+        policy.diffusion.generate_actions({"observation.state": batch["observation.state"], **images})
 
     policy.train(what == "train")
     return train if what == "train" else call
@@ -104,9 +104,9 @@ def main() -> None:
     parser.add_argument("what", choices=("train", "ddpm", "ddim"))
     parser.add_argument("--batch", type=int, default=1, help="windows")
     parser.add_argument("--threads", type=int, default=1)
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    step = step_of(arguments.what, arguments.batch)
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    step = step_of(args.what, args.batch)
     for _ in sys.stdin:
         begin = time.perf_counter()
         step()

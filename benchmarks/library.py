@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from rf_exp.ablation import wilson
-from rf_exp.errors import choices
+from rf_exp.errors import unknown_choice
 from rf_exp.library import JointLimits, NoPlan
 from rf_exp.tasks import default_of
 
@@ -29,20 +29,20 @@ EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "library" / "two_ro
 OWN_LIMIT = 100  # control steps, in ManiSkill's registration of both tasks
 
 
-def measured(example: dict[str, Any], name: str, seeds: range, slow: bool) -> dict[str, Any]:
+def measure(example: dict[str, Any], name: str, seeds: range, slow: bool) -> dict[str, Any]:
     """Results of the scenes of a task."""
     env, steps, reasons, seconds = example["make"](name), [], Counter[str](), []
     limits = JointLimits(**default_of("limits")) if slow else example["LIMITS"]
     for seed in seeds:
         began = time.process_time()
-        ended = example["play"](env, seed, example["JOBS"][name], limits)
+        result = example["play"](env, seed, example["JOBS"][name], limits)
         seconds.append(time.process_time() - began)
-        if isinstance(ended, NoPlan):
-            reasons[str(ended)] += 1
-        elif ended.success:
-            steps.append(ended.steps)
+        if isinstance(result, NoPlan):
+            reasons[str(result)] += 1
+        elif result.success:
+            steps.append(result.steps)
         else:
-            reasons[ended.reason] += 1
+            reasons[result.reason] += 1
     env.close()
     for reason, count in reasons.most_common():
         print(f"{name}: {count} x {reason}")
@@ -69,15 +69,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first scene")
     parser.add_argument("--tasks", default=",".join(example["JOBS"]))
     parser.add_argument("--slow", action="store_true")
-    given = parser.parse_args()
-    found, seeds = {}, range(given.seed, given.seed + given.scenes)
-    for name in given.tasks.split(","):
+    args = parser.parse_args()
+    results, seeds = {}, range(args.seed, args.seed + args.scenes)
+    for name in args.tasks.split(","):
         if name not in example["JOBS"]:
-            raise choices("task", name, example["JOBS"])
-        found[name] = measured(example, name, seeds, given.slow)
+            raise unknown_choice("task", name, example["JOBS"])
+        results[name] = measure(example, name, seeds, args.slow)
     print("| task | success | 95 % | within 100 steps | steps | longest | core s an episode |")
     print("|---|---|---|---|---|---|---|")
-    for name, row in found.items():
+    for name, row in results.items():
         low, high = (f"{100 * row[end]:.1f}" for end in ("low", "high"))
         rate = f"{row['success']} of {row['scenes']}"
         within = row["within_100_steps"]
@@ -85,7 +85,7 @@ def main() -> None:
             f"| {name} | {rate} | {low} to {high} % | {within} | {row['steps']} | {row['most_steps']} | "
             f"{row['core_s']} |"
         )
-    print(json.dumps({"benchmark": "library", "slow": given.slow, **found}))
+    print(json.dumps({"benchmark": "library", "slow": args.slow, **results}))
 
 
 if __name__ == "__main__":

@@ -44,8 +44,8 @@ def recipe(size: str, *changes: str) -> Experiment:
     """The paper's recipe, or a small one for `compact`, with overrides."""
     small = COMPACT if size == "compact" else ()
     with initialize_config_dir(str(CONF), version_base=None):
-        node = compose("config", ["recipe=paper", "policy=paper", *small, *changes])
-    return read_experiment(OmegaConf.to_container(node, resolve=True))  # pyright: ignore[reportArgumentType]
+        config = compose("config", ["recipe=paper", "policy=paper", *small, *changes])
+    return read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
 
 
 @dataclass(frozen=True)
@@ -101,9 +101,9 @@ def plain(store: Noise, config: PolicyConfig, windows: NDArray[np.int64]) -> tor
     return torch.stack([sample["pictures"] for sample in samples]) * 2 - 1
 
 
-def ours(windows: Windows, chosen: NDArray[np.int64], rng: np.random.Generator) -> torch.Tensor:
+def ours(windows: Windows, indices: NDArray[np.int64], rng: np.random.Generator) -> torch.Tensor:
     """Pictures (U, 3, h, w) as floats of the unique frames of a batch."""
-    return windows.batch(chosen, rng).pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
+    return windows.batch(indices, rng).pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 
 def milliseconds(action: Callable[[], object]) -> float:
@@ -116,23 +116,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
     parser.add_argument("--size", choices=("paper", "compact"), default="paper")
     parser.add_argument("--batches", type=int, default=5)
-    arguments = parser.parse_args()
-    config = recipe(arguments.size).policy
+    args = parser.parse_args()
+    config = recipe(args.size).policy
     store = noise(config)
     windows = Windows(store, VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
     rng = np.random.default_rng(0)
     batches = windows.epoch(BATCH, RUN, rng)
     times: dict[str, list[float]] = {"plain": [], "ours": []}
-    for index in range(arguments.batches + 1):  # the first round warms up
-        chosen = batches[index % len(batches)]
-        times["plain"].append(milliseconds(lambda chosen=chosen: plain(store, config, chosen)))
-        times["ours"].append(milliseconds(lambda chosen=chosen: ours(windows, chosen, rng)))
+    for index in range(args.batches + 1):  # the first round warms up
+        indices = batches[index % len(batches)]
+        times["plain"].append(milliseconds(lambda indices=indices: plain(store, config, indices)))
+        times["ours"].append(milliseconds(lambda indices=indices: ours(windows, indices, rng)))
     result = {name: round(median(values[1:]), 2) for name, values in times.items()}
-    print(
-        f"{len(batches[0])} windows a batch, {config.width}x{config.height}, {arguments.batches} batches each"
-    )
+    print(f"{len(batches[0])} windows a batch, {config.width}x{config.height}, {args.batches} batches each")
     ratio = round(result["plain"] / result["ours"], 2)
-    print(json.dumps({"size": arguments.size, **{f"{k}_ms": v for k, v in result.items()}, "ratio": ratio}))
+    print(json.dumps({"size": args.size, **{f"{k}_ms": v for k, v in result.items()}, "ratio": ratio}))
 
 
 if __name__ == "__main__":

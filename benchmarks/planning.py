@@ -20,9 +20,9 @@ from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
 
 
-def measured(task: Task, seeds: int) -> dict[str, float]:
+def measure(task: Task, seeds: int) -> dict[str, float]:
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
-    took_s, steps = [], []
+    plan_s, steps = [], []
     with Simulator(task, render=False) as simulator:
         for seed in range(-1, seeds):  # the first one fills caches
             scene = simulator.reset(max(seed, 0))
@@ -33,10 +33,10 @@ def measured(task: Task, seeds: int) -> dict[str, float]:
             began = time.process_time()
             plan = planner.plan(question, scene, np.random.default_rng([max(seed, 0), 1]))
             if seed >= 0:
-                took_s.append(time.process_time() - began)
+                plan_s.append(time.process_time() - began)
                 steps += [len(plan.schedule.positions)] if isinstance(plan, Planned) else []
     return {
-        "plan_s": round(float(np.mean(took_s)), 3),
+        "plan_s": round(float(np.mean(plan_s)), 3),
         "steps": round(float(np.mean(steps)), 1),
         "without": seeds - len(steps),
     }
@@ -46,7 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    measure_each(parser, measured, seeds=20)
+    measure_each(parser, measure, seeds=20)
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ def make(size: str, sampler: str, steps: int) -> Policy:
 @torch.inference_mode()
 def call(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """Encode the pictures, append their features to the known ones, and sample."""
-    features = torch.cat([known, policy.look(pictures)[0]])[None]
+    features = torch.cat([known, policy.encode_centre_crops(pictures)[0]])[None]
     proprio, nothing = (torch.zeros(1, features.shape[1], size) for size in (PROPRIO, 0))
     policy.act(features, proprio, nothing, [torch.Generator().manual_seed(0)])
 
@@ -48,7 +48,7 @@ def call_without_table(policy: Policy, pictures: torch.Tensor, known: torch.Tens
     """The same by the U-Net's reference computation, which projects step and observation in every step."""
     config, head = policy.config, policy.head
     assert isinstance(head, DiffusionHead)
-    features = torch.cat([known, policy.look(pictures)[0]])[None]
+    features = torch.cat([known, policy.encode_centre_crops(pictures)[0]])[None]
     proprio, nothing = (torch.zeros(1, config.observation_steps, size) for size in (PROPRIO, 0))
     condition = head.trunk(policy.condition(features, proprio, nothing))
     sample = torch.randn(1, config.horizon, ACTION, generator=torch.Generator().manual_seed(0))
@@ -63,22 +63,22 @@ def trained(folder: Path, calls: int) -> dict[str, object]:
     config, normaliser = policy.config, policy.normaliser
     steps, generator = config.observation_steps, torch.Generator().manual_seed(0)
     picture = torch.randint(256, (1, config.height, config.width, 3), dtype=torch.uint8)
-    proprio, context = (
-        known.centre.expand(1, steps, -1) for known in (normaliser.proprio, normaliser.context)
-    )
+    proprio, context = (part.centre.expand(1, steps, -1) for part in (normaliser.proprio, normaliser.context))
     times: dict[str, list[float]] = {}
     for _ in range(calls + 1):
         with torch.inference_mode():
             began = [time.perf_counter()]
-            features = policy.look(picture)[0][:, None].expand(-1, steps, -1)
+            features = policy.encode_centre_crops(picture)[0][:, None].expand(-1, steps, -1)
             began.append(time.perf_counter())
-            chances = policy.chances(features, proprio, context)
-            if chances is None:
-                known = context
+            probabilities = policy.transition_probabilities(features, proprio, context)
+            if probabilities is None:
+                conditioning = context
             else:
-                known = policy.in_phase(context, chances[..., :-1].argmax(dim=2), chances[..., -1] > 0.5)
+                conditioning = policy.with_phases(
+                    context, probabilities[..., :-1].argmax(dim=2), probabilities[..., -1] > 0.5
+                )
             began.append(time.perf_counter())
-            policy.act(features, proprio, known, [generator])
+            policy.act(features, proprio, conditioning, [generator])
             began.append(time.perf_counter())
         for name, first, last in (("look", 0, 1), ("phase", 1, 2), ("act", 2, 3), ("all", 0, 3)):
             times.setdefault(f"{name}_ms", []).append((began[last] - began[first]) * 1e3)
@@ -91,34 +91,34 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=3)
     parser.add_argument("--policy", type=Path, help="folder of a trained one")
     parser.add_argument("--lerobot", metavar="PYTHON", help="of an environment with lerobot; size paper")
-    arguments = parser.parse_args()
-    if arguments.lerobot and arguments.size != "paper":
+    args = parser.parse_args()
+    if args.lerobot and args.size != "paper":
         parser.error("--lerobot is of the paper's shapes; add --size paper")
     torch.set_num_threads(1)  # as the rollout runs
-    if arguments.policy:
-        print(json.dumps(trained(arguments.policy, arguments.calls)))
+    if args.policy:
+        print(json.dumps(trained(args.policy, args.calls)))
         return
-    ddpm, ddim = make(arguments.size, "ddpm", 100), make(arguments.size, "ddim", 10)
+    ddpm, ddim = make(args.size, "ddpm", 100), make(args.size, "ddim", 10)
     config = ddim.config
-    seen = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)
+    frames = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)
     with torch.inference_mode():
-        features = ddim.look(seen)[0]
-    older, new = features[:-1], seen[-1:]
+        features = ddim.encode_centre_crops(frames)[0]
+    earlier_features, newest_frame = features[:-1], frames[-1:]
     variants: dict[str, Callable[[], None]] = {
-        "ddpm_100": lambda: call(ddpm, new, older),
-        "ddim_10": lambda: call(ddim, new, older),
-        "ddim_10_all_frames": lambda: call(ddim, seen, older[:0]),
-        "ddim_10_no_table": lambda: call_without_table(ddim, new, older),
+        "ddpm_100": lambda: call(ddpm, newest_frame, earlier_features),
+        "ddim_10": lambda: call(ddim, newest_frame, earlier_features),
+        "ddim_10_all_frames": lambda: call(ddim, frames, earlier_features[:0]),
+        "ddim_10_no_table": lambda: call_without_table(ddim, newest_frame, earlier_features),
     }
     times: dict[str, list[float]] = {}
     with ExitStack() as stack:
-        python = arguments.lerobot
+        python = args.lerobot
         others = {
             f"lerobot_{name}": stack.enter_context(LeRobot(python, name, 1, 1))
             for name in ("ddpm", "ddim")
             if python
         }
-        for _ in range(arguments.calls + 1):  # the first round warms up
+        for _ in range(args.calls + 1):  # the first round warms up
             for name, variant in variants.items():
                 begin = time.perf_counter()
                 variant()
@@ -127,7 +127,7 @@ def main() -> None:
                 times.setdefault(name, []).append(other.milliseconds())
     medians = {name: round(median(values[1:]), 2) for name, values in times.items()}
     result = {
-        "size": arguments.size,
+        "size": args.size,
         **{f"{name}_ms": value for name, value in medians.items()},
         "ddpm_over_ddim": round(medians["ddpm_100"] / medians["ddim_10"], 2),
         "all_frames_over_ring_buffer": round(medians["ddim_10_all_frames"] / medians["ddim_10"], 2),

@@ -27,9 +27,9 @@ def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float], Call
     from omegaconf import OmegaConf
 
     path = Path(__file__).parents[1] / "conf" / "task" / f"{task_name}.yaml"
-    node = OmegaConf.to_container(OmegaConf.load(path))
-    assert isinstance(node, dict)
-    simulator = Simulator(load_task(task_name, node[task_name]), width_px=WIDTH_PX, height_px=HEIGHT_PX)
+    config = OmegaConf.to_container(OmegaConf.load(path))
+    assert isinstance(config, dict)
+    simulator = Simulator(load_task(task_name, config[task_name]), width_px=WIDTH_PX, height_px=HEIGHT_PX)
     simulator.reset(0)
 
     def picture() -> float:
@@ -90,11 +90,11 @@ def main() -> None:
     )
     parser.add_argument("--pictures", type=int, default=40)
     parser.add_argument("--task", default="lift_barrier")
-    arguments = parser.parse_args()
-    timers = [*ours(arguments.task), *stock()]
+    args = parser.parse_args()
+    timers = [*ours(args.task), *stock()]
     for timer in timers:
         timer()  # the first picture compiles shaders
-    times = np.array([[timers[i]() for i in ORDER] for _ in range(arguments.pictures)])
+    times = np.array([[timers[i]() for i in ORDER] for _ in range(args.pictures)])
     reset_ms, step_ms, ours_ms, stock_step_ms, stock_ms = np.median(times, axis=0)
     print(f"picture {WIDTH_PX}x{HEIGHT_PX}: ours {ours_ms:.1f} ms, stock {stock_ms:.1f} ms")
     print(f"control step, two arms: ours {step_ms:.2f} ms at 100 Hz physics, stock {stock_step_ms:.2f} ms")

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import overlapping, pressing
+from rf_exp.constraints import force_evidence, overlap_evidence
 from rf_exp.geometry import Separation
 from rf_exp.processes import in_order
 from rf_exp.sim import shared_simulator
@@ -29,7 +29,7 @@ from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
 from rf_exp.types import NO_PICTURES
 
 
-class Played(NamedTuple):
+class ReplayResult(NamedTuple):
     """Result of one replayed episode."""
 
     success: bool
@@ -39,10 +39,10 @@ class Played(NamedTuple):
     depth_mm: float  # the deepest overlap
 
 
-def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> Played:
+def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> ReplayResult:
     """Replays an episode with states (T, N, 9) and actions (T, N, 8)."""
     world = shared_simulator(task, NO_PICTURES)
-    pairs, things = tuple(combinations(task.agents, 2)), frozenset(task.objects)
+    pairs, objects = tuple(combinations(task.agents, 2)), frozenset(task.objects)
     separation = Separation(task)
     scene = world.reset(seed)
     judge, same, pressed, depth_m = SuccessEvaluator(task, scene), True, False, 0.0
@@ -51,10 +51,10 @@ def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.
         same &= bool(np.array_equal(row, scene.qpos.astype(np.float32)))
         scene = world.step(command)
         verdict = judge(scene)
-        pressed |= pressing(scene, pairs) is not None
-        found = overlapping(separation, scene, pairs, lambda agent: things)
-        depth_m = max(depth_m, 0.0 if found is None else -found.value)
-    return Played(verdict.success, same, pressed, depth_m > 0, 1000 * depth_m)
+        pressed |= force_evidence(scene, pairs) is not None
+        deepest = overlap_evidence(separation, scene, pairs, lambda agent: objects)
+        depth_m = max(depth_m, 0.0 if deepest is None else -deepest.value)
+    return ReplayResult(verdict.success, same, pressed, depth_m > 0, 1000 * depth_m)
 
 
 def main() -> None:
@@ -65,29 +65,29 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, help="of each store; all unless given")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--tasks", type=Path, default=CONFIGURED, help="folder of the tasks' YAML files")
-    given = parser.parse_args()
-    total: list[Played] = []
-    for path in sorted(given.folder.glob("**/*.zarr")):
+    args = parser.parse_args()
+    total: list[ReplayResult] = []
+    for path in sorted(args.folder.glob("**/*.zarr")):
         with Store.open(path) as store:
-            task = stored_task(store.identity, given.tasks)
-            episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
-        jobs = (partial(replay, task, each.seed, each.qpos, each.commanded) for each in episodes)
-        results = list(in_order(jobs, given.workers))
+            task = stored_task(store.identity, args.tasks)
+            episodes = [store.episode(k) for k in range(len(store))[: args.episodes]]
+        jobs = (partial(replay, task, episode.seed, episode.qpos, episode.commanded) for episode in episodes)
+        results = list(in_order(jobs, args.workers))
         total += results
-        print(f"{path}: {_said(results)}", flush=True)
-    deepest = round(max((each.depth_mm for each in total), default=0.0), 2)
-    counts = {name: sum(each) for name, each in _columns(total).items()}
+        print(f"{path}: {_summary(results)}", flush=True)
+    deepest = round(max((result.depth_mm for result in total), default=0.0), 2)
+    counts = {name: sum(column) for name, column in _columns(total).items()}
     result = {"episodes": len(total), **counts, "depth_mm": deepest}
     print(json.dumps({"benchmark": "replay", **result}))
 
 
-def _columns(played: list[Played]) -> dict[str, list[bool]]:
-    return {name: [getattr(each, name) for each in played] for name in Played._fields[:-1]}
+def _columns(played: list[ReplayResult]) -> dict[str, list[bool]]:
+    return {name: [getattr(result, name) for result in played] for name in ReplayResult._fields[:-1]}
 
 
-def _said(played: list[Played]) -> str:
-    counts = {name: sum(each) for name, each in _columns(played).items()}
-    deepest = max((each.depth_mm for each in played), default=0.0)
+def _summary(played: list[ReplayResult]) -> str:
+    counts = {name: sum(column) for name, column in _columns(played).items()}
+    deepest = max((result.depth_mm for result in played), default=0.0)
     return (
         f"{counts['success']} of {len(played)} succeed again, {counts['same']} to the last bit; arms press "
         f"in {counts['pressed']}, overlap in {counts['overlapped']}, by {deepest:.1f} mm at most"

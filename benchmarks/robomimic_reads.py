@@ -30,9 +30,9 @@ def main() -> None:
     parser.add_argument("export", type=Path)
     parser.add_argument("store", type=Path)
     parser.add_argument("--rows", type=int, default=60, help="to compare")
-    given = parser.parse_args()
+    args = parser.parse_args()
     began = time.perf_counter()
-    store = zarr.open_group(given.store, mode="r")
+    store = zarr.open_group(args.store, mode="r")
     arrays: Any = store["data"]
     cameras = {f"{name}_image": f"rgb_{name}" for name in store.attrs["cameras"]}  # pyright: ignore
     obs_utils.initialize_obs_utils_with_obs_specs(
@@ -40,7 +40,7 @@ def main() -> None:
     )
     data, train_part, valid_part = (
         SequenceDataset(
-            hdf5_path=str(given.export / "demonstrations.hdf5"),
+            hdf5_path=str(args.export / "demonstrations.hdf5"),
             obs_keys=("qpos", "qvel", *cameras),
             dataset_keys=("actions", "rewards", "dones"),
             seq_length=HORIZON,
@@ -52,15 +52,15 @@ def main() -> None:
     )
     parts = {"train": train_part.n_demos, "valid": valid_part.n_demos}
     assert {*train_part.demos} | {*valid_part.demos} == {*data.demos} and sum(parts.values()) == data.n_demos
-    rows = np.unique(np.linspace(0, len(data) - 1, given.rows).astype(int)).tolist()
+    rows = np.unique(np.linspace(0, len(data) - 1, args.rows).astype(int)).tolist()
     same = {name: True for name in ("actions", "qpos", "qvel", *cameras)}
     stored = {"actions": "action", "qpos": "qpos", "qvel": "qvel", **cameras}
     for row in rows:
         item = data[row]
         for name in same:
-            got = (item if name == "actions" else item["obs"])[name][0]
-            wanted = np.asarray(arrays[stored[name]][row])
-            same[name] &= np.array_equal(got, wanted if name in cameras else wanted.ravel())
+            actual = (item if name == "actions" else item["obs"])[name][0]
+            expected = np.asarray(arrays[stored[name]][row])
+            same[name] &= np.array_equal(actual, expected if name in cameras else expected.ravel())
     loss = train(data, cameras)
     result = {
         "robomimic": metadata.version("robomimic"),

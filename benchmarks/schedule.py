@@ -40,21 +40,21 @@ def trajectory(
     """Trajectory from rest over two random places in the shared area, with a stop at each, back to rest."""
     arm, rest = planning_scene.arms[agent - 1], np.array(HOME)
     down = np.diag([1.0, -1.0, -1.0, 1.0])
-    keys = [rest]
+    waypoints = [rest]
     for _ in range(2):
         solved = None
         while solved is None:
-            place = (*rng.uniform(-SHARED_M, SHARED_M, 2), rng.uniform(*HEIGHT_M))
-            turned = arm.world_from_base.copy()
-            turned[:3, 3] = place
-            solved = arm.solve(turned @ down, keys[-1])
-        keys.append(solved)
-    keys.append(rest)
-    counts = np.diff(np.linspace(0, positions, len(keys)).astype(int))
+            position = (*rng.uniform(-SHARED_M, SHARED_M, 2), rng.uniform(*HEIGHT_M))
+            world_from_tcp = arm.world_from_base.copy()
+            world_from_tcp[:3, 3] = position
+            solved = arm.solve(world_from_tcp @ down, waypoints[-1])
+        waypoints.append(solved)
+    waypoints.append(rest)
+    counts = np.diff(np.linspace(0, positions, len(waypoints)).astype(int))
     segments = []
     for k, count in enumerate(counts.tolist()):
         fraction = (1 - np.cos(np.pi * np.arange(1, count + 1) / count)) / 2
-        path = keys[k] + fraction[:, None] * (keys[k + 1] - keys[k])
+        path = waypoints[k] + fraction[:, None] * (waypoints[k + 1] - waypoints[k])
         segments.append(
             Segment(agent, Subgoal(agent, "carry", f"thing{k}"), "move", path, np.full(count, GRIPPER_OPEN))
         )
@@ -66,26 +66,28 @@ def case(count: int, positions: int, rng: np.random.Generator) -> dict[str, floa
     task, scene = team(count)
     planning_scene = PlanningScene(task, scene)
     trajectories = [trajectory(agent, planning_scene, positions, rng) for agent in task.agents]
-    begin = now_ms()
-    swept = [planning_scene.along(each) for each in trajectories]
+    begin_ms = now_ms()
+    swept = [planning_scene.along(motion) for motion in trajectories]
     diagrams = {
         (i, j): closer_than(swept[i - 1], swept[j - 1], AGENT_MARGIN_M)
         for i in task.agents
         for j in task.agents
         if i < j
     }
-    drawn = now_ms()
-    timed = schedule(trajectories, diagrams)
-    done = now_ms()
+    diagrams_done_ms = now_ms()
+    result = schedule(trajectories, diagrams)
+    search_done_ms = now_ms()
     names = ("diagrams_ms", "diagrams_cpu_ms", "search_ms", "search_cpu_ms")
-    cost = dict(zip(names, (*(drawn - begin), *(done - drawn)), strict=True))
-    if not isinstance(timed, Schedule):
+    cost = dict(
+        zip(names, (*(diagrams_done_ms - begin_ms), *(search_done_ms - diagrams_done_ms)), strict=True)
+    )
+    if not isinstance(result, Schedule):
         return {"feasible": 0.0, **cost}
     serial = sum(map(len, trajectories))
     return {
         "feasible": 1.0,
-        "of_serial": len(timed) / serial,
-        "gap": len(timed) / timed.makespan_bound - 1,
+        "of_serial": len(result) / serial,
+        "gap": len(result) / result.makespan_bound - 1,
         "forbidden": float(np.mean([diagram.mean() for diagram in diagrams.values()])),
         **cost,
     }
@@ -109,13 +111,13 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=10, help="random cases for each number of arms")
     parser.add_argument("--positions", type=int, default=200, help="control steps of each arm alone")
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+    args = parser.parse_args()
 
-    rng = np.random.default_rng(arguments.seed)
+    rng = np.random.default_rng(args.seed)
     case(2, 20, rng)  # warm up: meshes and covers are cached
-    result: dict[str, object] = {"benchmark": "schedule", "positions": arguments.positions}
+    result: dict[str, object] = {"benchmark": "schedule", "positions": args.positions}
     for count in (2, 4):
-        runs = [case(count, arguments.positions, rng) for _ in range(arguments.cases)]
+        runs = [case(count, args.positions, rng) for _ in range(args.cases)]
         figures = {key: summary([run[key] for run in runs if key in run]) for key in KEYS}
         total = summary([run["diagrams_ms"] + run["search_ms"] for run in runs])
         total_cpu = summary([run["diagrams_cpu_ms"] + run["search_cpu_ms"] for run in runs])

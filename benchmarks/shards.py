@@ -29,47 +29,49 @@ from typing import Any
 
 import numpy as np
 
-MADE = (
+OVERRIDES = (
     "stages=[generate]",
     "task=lift_barrier",
     "constraints=logical",
     "randomisation.mass_scale=1",
     "attempts=1",
 )
-MADE = (*MADE, "render=false", "recordings=0", "wandb=disabled", "launch.shard_seeds=2")
+OVERRIDES = (*OVERRIDES, "render=false", "recordings=0", "wandb=disabled", "launch.shard_seeds=2")
 GOALS = ("episodes=8", "demos=5")  # the seeds 3 and 4 fail
 ENGINES = ("loky", "dask", "ray", "submitit")
 TARGETS = ("worker", "driver")
 TIMES = ("wall_s", "commit", "crc32")  # fields of a row to ignore; the checksum includes the time
 BIN = Path(sys.executable).parent
-MARK = "RF_EXP_BENCHMARK"  # environment variable with the part of a process, whatever its parent is now
-GONE_S, HANG_S = 5.0, 1800.0
+MARK_VARIABLE = (
+    "RF_EXP_BENCHMARK"  # environment variable with the part of a process, whatever its parent is now
+)
+EXIT_LIMIT_S, HANG_LIMIT_S = 5.0, 1800.0
 
 
 def processes(part: str = "") -> dict[int, int]:
     """Process -> parent, of the living processes of a part or of all parts."""
-    mark, found = f"\0{MARK}={os.getpid()}/{part}".encode(), {}
+    mark, parent_of = f"\0{MARK_VARIABLE}={os.getpid()}/{part}".encode(), {}
     for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             state, parent = (path / "stat").read_text().rpartition(")")[2].split()[:2]
             if state != "Z" and mark in b"\0" + (path / "environ").read_bytes():
-                found[int(path.name)] = int(parent)
-    return found
+                parent_of[int(path.name)] = int(parent)
+    return parent_of
 
 
 def start(
-    part: str, command: list[str], said: Path, environment: Mapping[str, str]
+    part: str, command: list[str], log_path: Path, environment: Mapping[str, str]
 ) -> subprocess.Popen[bytes]:
-    marked = {**os.environ, **environment, MARK: f"{os.getpid()}/{part}"}
+    marked = {**os.environ, **environment, MARK_VARIABLE: f"{os.getpid()}/{part}"}
     marked["SPT_NOENV"] = "1"  # or the process titles of Ray overwrite the mark
-    with said.open("ab") as file:
+    with log_path.open("ab") as file:
         return subprocess.Popen(command, env=marked, stdout=file, stderr=file, start_new_session=True)
 
 
 def kill(part: str) -> None:
     """Kills every process of a part, as if its machine had failed."""
-    while found := processes(part):
-        for pid in found:
+    while pids := processes(part):
+        for pid in pids:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         time.sleep(0.05)
@@ -114,7 +116,7 @@ class Cluster:
 
     def answers(self) -> None:
         """Waits until the head accepts connections."""
-        end = time.monotonic() + HANG_S
+        end = time.monotonic() + HANG_LIMIT_S
         while time.monotonic() < end:
             with suppress(OSError), socket.create_connection(("127.0.0.1", self._port), timeout=1.0):
                 return
@@ -122,22 +124,22 @@ class Cluster:
 
 
 @contextmanager
-def cluster(engine: str, folder: Path) -> Iterator[Cluster]:
+def running_cluster(engine: str, folder: Path) -> Iterator[Cluster]:
     """Context with a running engine, which is killed afterwards."""
-    made = Cluster(engine, folder)
+    cluster = Cluster(engine, folder)
     nodes = {"dask": ("head", "node1", "node2"), "ray": ("head", "node2")}.get(engine, ())
     with ExitStack() as stack:
         for name in nodes:
             stack.callback(kill, name)
-            made.start(name)
-            made.answers()
-        yield made
+            cluster.start(name)
+            cluster.answers()
+        yield cluster
 
 
-def command(made: Cluster, out: Path, goal: str, workers: int = 2) -> subprocess.Popen[bytes]:
-    arguments = [*MADE, *made.arguments, goal, f"workers={workers}", f"out={out}"]
-    said = made.folder / f"{made.engine}-said.txt"
-    return start("driver", [sys.executable, "-m", "rf_exp.run", *arguments], said, made.environment)
+def command(cluster: Cluster, out: Path, goal: str, workers: int = 2) -> subprocess.Popen[bytes]:
+    arguments = [*OVERRIDES, *cluster.arguments, goal, f"workers={workers}", f"out={out}"]
+    log_path = cluster.folder / f"{cluster.engine}-said.txt"
+    return start("driver", [sys.executable, "-m", "rf_exp.run", *arguments], log_path, cluster.environment)
 
 
 def content(out: Path) -> str:
@@ -157,42 +159,44 @@ def lines(out: Path) -> list[str]:
 
 def finished(out: Path) -> list[str]:
     """The rows of finished shards."""
-    found = [lines(shard) for shard in out.glob("shards/*/*-*")]
-    return [line for rows in found if len(rows) == 2 for line in rows]
+    shard_lines = [lines(shard) for shard in out.glob("shards/*/*-*")]
+    return [line for rows in shard_lines if len(rows) == 2 for line in rows]
 
 
 def cpu_s() -> dict[int, float]:
     """CPU seconds of every living process of ours."""
-    found = {}
+    seconds = {}
     for pid in processes():
         with suppress(OSError):
             ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
-            found[pid] = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
-    return found
+            seconds[pid] = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    return seconds
 
 
-def cost(made: Cluster, out: Path, goal: str, workers: int) -> dict[str, Any]:
+def cost(cluster: Cluster, out: Path, goal: str, workers: int) -> dict[str, Any]:
     """Content and cost, including nodes, of one undisturbed run."""
     shutil.rmtree(out, ignore_errors=True)
     began, before = time.monotonic(), cpu_s()
-    spent, run = dict(before), command(made, out, goal, workers)
+    seconds, run = dict(before), command(cluster, out, goal, workers)
     while run.poll() is None:
-        spent |= cpu_s()  # misses the last moment of each process
+        seconds |= cpu_s()  # misses the last moment of each process
         time.sleep(0.25)
-    spent_s = sum(spent.values()) - sum(before.values())
-    found = {"code": run.returncode, "sha": content(out), "shards_left": len([*out.glob("shards/*/*-*")])}
-    return {**found, "wall_s": round(time.monotonic() - began, 1), "cpu_s": round(spent_s, 1)}
+    spent_s = sum(seconds.values()) - sum(before.values())
+    result = {"code": run.returncode, "sha": content(out), "shards_left": len([*out.glob("shards/*/*-*")])}
+    return {**result, "wall_s": round(time.monotonic() - began, 1), "cpu_s": round(spent_s, 1)}
 
 
 def seeds_at_work(part: str = "") -> dict[int, int]:
     """Process of a seed -> its parent, a process of the engine."""
-    found = processes(part).items()
+    parents = processes(part).items()
     return {
-        pid: parent for pid, parent in found if "spawn_main" in said(pid) and "bin/dask" not in said(parent)
+        pid: parent
+        for pid, parent in parents
+        if "spawn_main" in command_line(pid) and "bin/dask" not in command_line(parent)
     }
 
 
-def said(pid: int) -> str:
+def command_line(pid: int) -> str:
     with suppress(OSError):
         return Path(f"/proc/{pid}/cmdline").read_text()
     return ""
@@ -200,54 +204,56 @@ def said(pid: int) -> str:
 
 def orphans() -> list[int]:
     """Our processes whose parent is neither one of ours nor this process."""
-    found = processes()
-    return [pid for pid, parent in found.items() if parent not in found and parent != os.getpid()]
+    parents = processes()
+    return [pid for pid, parent in parents.items() if parent not in parents and parent != os.getpid()]
 
 
-def until(holds: Callable[[], object], seconds: float = HANG_S) -> bool:
+def until(condition: Callable[[], object], seconds: float = HANG_LIMIT_S) -> bool:
     end = time.monotonic() + seconds
-    while not (answer := holds()) and time.monotonic() < end:
+    while not (met := condition()) and time.monotonic() < end:
         time.sleep(0.1)
-    return bool(answer)
+    return bool(met)
 
 
-def kill_node(made: Cluster, out: Path, sha: str) -> dict[str, Any]:
+def kill_node(cluster: Cluster, out: Path, sha: str) -> dict[str, Any]:
     """Kills a node during its work, once a shard is finished; the command goes on."""
     shutil.rmtree(out, ignore_errors=True)
-    run = command(made, out, GOALS[0])
+    run = command(cluster, out, GOALS[0])
     hit = until(lambda: run.poll() is not None or (finished(out) and seeds_at_work("node2")))
     kept, hit = finished(out), hit and run.poll() is None
     kill("node2")
-    return {"hit": hit, "code": run.wait(HANG_S), **judged(out, sha, kept)}
+    return {"hit": hit, "code": run.wait(HANG_LIMIT_S), **compare_artifacts(out, sha, kept)}
 
 
 def kill_one(
-    made: Cluster, who: str, work_s: float, rng: np.random.Generator, out: Path, sha: str
+    cluster: Cluster, target: str, work_s: float, rng: np.random.Generator, out: Path, sha: str
 ) -> dict[str, Any]:
     """Kills a worker, a seed's process or the command at a random moment; repeats a command that failed."""
     shutil.rmtree(out, ignore_errors=True)
-    run, after_s = command(made, out, GOALS[0]), rng.uniform(0.0, work_s)
+    run, after_s = command(cluster, out, GOALS[0]), rng.uniform(0.0, work_s)
     until(lambda: run.poll() is not None or seeds_at_work())
     with suppress(subprocess.TimeoutExpired):
         run.wait(after_s)
     kept, victims = finished(out), [run.pid]
-    if who == "worker":
+    if target == "worker":
         victims = sorted({pid for pair in seeds_at_work().items() for pid in pair})
     hit = run.poll() is None and bool(victims)
     if hit:
         os.kill(int(rng.choice(victims)), signal.SIGKILL)
     gone = None
-    if who == "driver" and made.engine != "submitit":  # batch jobs are meant to outlive it
-        gone = until(lambda: not processes("driver"), GONE_S)
-    code = again = run.wait(HANG_S)
+    if target == "driver" and cluster.engine != "submitit":  # batch jobs are meant to outlive it
+        gone = until(lambda: not processes("driver"), EXIT_LIMIT_S)
+    code = again = run.wait(HANG_LIMIT_S)
     if code:
-        again = command(made, out, GOALS[0]).wait(HANG_S)
-    gone_in_the_end = until(lambda: not processes("driver") and not orphans() and not seeds_at_work(), GONE_S)
-    result = {"who": who, "after_s": round(after_s, 2), "hit": hit, "code": code, "gone_in_5_s": gone}
-    return {**result, "code_again": again, "left": not gone_in_the_end, **judged(out, sha, kept)}
+        again = command(cluster, out, GOALS[0]).wait(HANG_LIMIT_S)
+    gone_in_the_end = until(
+        lambda: not processes("driver") and not orphans() and not seeds_at_work(), EXIT_LIMIT_S
+    )
+    result = {"who": target, "after_s": round(after_s, 2), "hit": hit, "code": code, "gone_in_5_s": gone}
+    return {**result, "code_again": again, "left": not gone_in_the_end, **compare_artifacts(out, sha, kept)}
 
 
-def judged(out: Path, sha: str, kept: list[str]) -> dict[str, Any]:
+def compare_artifacts(out: Path, sha: str, kept: list[str]) -> dict[str, Any]:
     """Verdict on the final artifacts; `kept` are the rows of shards that were finished before the kill."""
     seeds = [json.loads(line)["seed"] for line in lines(out)]
     return {
@@ -263,16 +269,16 @@ class Log:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.found = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        self.results = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
     def of(self, **key: Any) -> list[dict[str, Any]]:
-        return [each for each in self.found if key.items() <= each.items()]
+        return [result for result in self.results if key.items() <= result.items()]
 
-    def add(self, **found: Any) -> None:
-        self.found.append(found)
+    def add(self, **result: Any) -> None:
+        self.results.append(result)
         with self._path.open("a") as file:
-            file.write(json.dumps(found) + "\n")
-        print(json.dumps(found), flush=True)
+            file.write(json.dumps(result) + "\n")
+        print(json.dumps(result), flush=True)
 
 
 def measure_costs(log: Log, engines: list[str], folder: Path) -> None:
@@ -281,47 +287,49 @@ def measure_costs(log: Log, engines: list[str], folder: Path) -> None:
             goal for goal in GOALS if not log.of(part="equal", engine=engine, workers=workers, goal=goal)
         ]
         if missing:
-            with cluster(engine, folder) as made:
+            with running_cluster(engine, folder) as cluster:
                 for goal in missing:
                     key = {"part": "equal", "engine": engine, "workers": workers, "goal": goal}
-                    log.add(**key, **cost(made, folder / "out", goal, workers))
+                    log.add(**key, **cost(cluster, folder / "out", goal, workers))
 
 
 def measure_kills(log: Log, engines: list[str], kills: int, seed: int, folder: Path) -> None:
-    whole = {each["engine"]: each for each in log.of(part="equal", goal=GOALS[0])}
-    sha = whole["processes"]["sha"]
+    reference = {result["engine"]: result for result in log.of(part="equal", goal=GOALS[0])}
+    sha = reference["processes"]["sha"]
     for engine in engines:
         if engine in ("dask", "ray") and not log.of(part="node", engine=engine, hit=True):
-            with cluster(engine, folder) as made:
-                log.add(part="node", engine=engine, **kill_node(made, folder / "out", sha))
+            with running_cluster(engine, folder) as cluster:
+                log.add(part="node", engine=engine, **kill_node(cluster, folder / "out", sha))
     for turn, engine in enumerate(engines):
         share = len(range(turn, kills, len(engines)))
-        with cluster(engine, folder) as made:
+        with running_cluster(engine, folder) as cluster:
             while len(log.of(part="kill", engine=engine, hit=True)) < share:
                 number = len(log.of(part="kill", engine=engine))
                 rng = np.random.default_rng([seed, ENGINES.index(engine), number])
-                who, work_s = TARGETS[number % 2], 0.7 * whole[engine]["wall_s"]
-                found = kill_one(made, who, work_s, rng, folder / "out", sha)
-                log.add(part="kill", engine=engine, number=number, **found)
+                target, work_s = TARGETS[number % 2], 0.7 * reference[engine]["wall_s"]
+                outcome = kill_one(cluster, target, work_s, rng, folder / "out", sha)
+                log.add(part="kill", engine=engine, number=number, **outcome)
 
 
 def summary(log: Log) -> dict[str, Any]:
     equal, kills = log.of(part="equal"), log.of(part="kill", hit=True)
     return {
         "benchmark": "shards",
-        "ways": len({(each["engine"], each["workers"]) for each in equal}),
-        "sha256": {goal: sorted({each["sha"] for each in equal if each["goal"] == goal}) for goal in GOALS},
+        "ways": len({(result["engine"], result["workers"]) for result in equal}),
+        "sha256": {
+            goal: sorted({result["sha"] for result in equal if result["goal"] == goal}) for goal in GOALS
+        },
         "nodes": {
-            each["engine"]: each["code"] == 0 and each["equal"] and not each["made_again"]
-            for each in log.of(part="node", hit=True)
+            result["engine"]: result["code"] == 0 and result["equal"] and not result["made_again"]
+            for result in log.of(part="node", hit=True)
         },
         "kills": len(kills),
-        "went_on_alone": sum(each["code"] == 0 for each in kills if each["who"] == "worker"),
+        "went_on_alone": sum(result["code"] == 0 for result in kills if result["who"] == "worker"),
         **{
-            name: sum(each[name] for each in kills)
+            name: sum(result[name] for result in kills)
             for name in ("equal", "one_row_a_seed", "made_again", "left")
         },
-        "not_gone_in_5_s": sum(each["gone_in_5_s"] is False for each in kills),
+        "not_gone_in_5_s": sum(result["gone_in_5_s"] is False for result in kills),
     }
 
 
@@ -333,13 +341,13 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=20, help="that hit, of all engines together")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("outputs/shards"))
-    given = parser.parse_args()
-    folder, engines = given.folder.resolve(), given.engines.split(",")
+    args = parser.parse_args()
+    folder, engines = args.folder.resolve(), args.engines.split(",")
     folder.mkdir(parents=True, exist_ok=True)
     log = Log(folder / "log.jsonl")
     try:
         measure_costs(log, engines, folder)
-        measure_kills(log, engines, given.kills, given.seed, folder)
+        measure_kills(log, engines, args.kills, args.seed, folder)
     finally:
         kill("")
     print(json.dumps(summary(log)))

@@ -47,8 +47,8 @@ class Player(PolicyRunner):
         self._done = -self._late
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
-        at = np.clip(self._done + np.arange(self._chunk), 0, len(self._commands) - 1)
-        return self._commands[at][:, None]
+        indices = np.clip(self._done + np.arange(self._chunk), 0, len(self._commands) - 1)
+        return self._commands[indices][:, None]
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
         if decision is None or self.view.agents[0] not in decision.withheld:
@@ -70,16 +70,16 @@ class Timed:
         return decision
 
 
-Both = dict[bool, tuple[Rollout, float]]  # with a shield or not -> rollout, its wall time in s
+ShieldComparison = dict[bool, tuple[Rollout, float]]  # with a shield or not -> rollout, its wall time in s
 
 
-def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, list[float]]:
+def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[ShieldComparison, list[float]]:
     """Rollouts without and with a shield, and the time of the shield in s at each control step."""
     rng = np.random.default_rng([episode.seed, late])
     delays = rng.integers(0, late + 1, len(task.agents)).tolist()
     commands = episode.commanded.astype(float)
     times_s: list[float] = []
-    found: Both = {}
+    rollouts: ShieldComparison = {}
     for shielded in (False, True):
         world = shared_simulator(task, NO_PICTURES)
         start = world.reset(episode.seed)
@@ -91,27 +91,27 @@ def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, lis
         limit, judge, monitor = SLOWER * len(commands), SuccessEvaluator(task, start), PolicyMonitor(task)
         began = time.perf_counter()
         result = rollout(world, judge, runners, episode.seed, limit, monitor, None, start, shield)
-        found[shielded] = result, time.perf_counter() - began
-    return found, times_s
+        rollouts[shielded] = result, time.perf_counter() - began
+    return rollouts, times_s
 
 
-def summary(played: list[tuple[Both, list[float]]]) -> dict[str, float]:
+def summary(played: list[tuple[ShieldComparison, list[float]]]) -> dict[str, float]:
     """Counts and times over all rollouts."""
-    said: dict[str, float] = {"episodes": len(played)}
+    result: dict[str, float] = {"episodes": len(played)}
     step_ms = {}
     for shielded, name in ((False, "without"), (True, "with")):
-        results = [both[shielded][0] for both, _ in played]
-        said |= {
-            f"success_{name}": sum(each.success for each in results),
-            f"violations_{name}": sum(each.violations for each in results),
-            f"contacts_{name}": sum(each.contacts for each in results),
+        results = [comparison[shielded][0] for comparison, _ in played]
+        result |= {
+            f"success_{name}": sum(outcome.success for outcome in results),
+            f"violations_{name}": sum(outcome.violations for outcome in results),
+            f"contacts_{name}": sum(outcome.contacts for outcome in results),
         }
-        steps = sum(each.steps for each in results)
-        step_ms[name] = 1e3 * sum(both[shielded][1] for both, _ in played) / steps
-        said[f"steps_{name}"] = steps
-    times_ms = 1e3 * np.array([each for _, times_s in played for each in times_s])
-    return said | {
-        "interventions": sum(both[True][0].interventions for both, _ in played),
+        steps = sum(outcome.steps for outcome in results)
+        step_ms[name] = 1e3 * sum(comparison[shielded][1] for comparison, _ in played) / steps
+        result[f"steps_{name}"] = steps
+    times_ms = 1e3 * np.array([time_s for _, times_s in played for time_s in times_s])
+    return result | {
+        "interventions": sum(comparison[True][0].interventions for comparison, _ in played),
         "step_ms_without": round(step_ms["without"], 2),
         "step_ms_with": round(step_ms["with"], 2),
         "shield_ms": round(fmean(times_ms), 2),
@@ -131,14 +131,14 @@ def main() -> None:
     parser.add_argument("--chunk", type=int, default=16, help="control steps")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--tasks", type=Path, default=CONFIGURED, help="folder of the tasks' YAML files")
-    given = parser.parse_args()
+    args = parser.parse_args()
     total = []
-    for path in sorted(given.folder.glob("**/*.zarr")):
+    for path in sorted(args.folder.glob("**/*.zarr")):
         with Store.open(path) as store:
-            task = stored_task(store.identity, given.tasks)
-            episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
-        jobs = [partial(play, task, each, given.chunk, given.late) for each in episodes]
-        played = [each for each in in_order(jobs, given.workers) if not isinstance(each, Timeout)]
+            task = stored_task(store.identity, args.tasks)
+            episodes = [store.episode(k) for k in range(len(store))[: args.episodes]]
+        jobs = [partial(play, task, episode, args.chunk, args.late) for episode in episodes]
+        played = [result for result in in_order(jobs, args.workers) if not isinstance(result, Timeout)]
         total += played
         print(f"{path}: {json.dumps(summary(played))}", flush=True)
     print(json.dumps(summary(total)))

@@ -9,7 +9,7 @@ team is moved back towards rest until its gap has a random value within 15 mm of
 of them within 2 mm. Ground truth: coal on the convex hulls of all pairs of links and loads of two arms; no
 pair is skipped. The first model is the paper's text taken literally. Two are the project's own, called
 unchanged: the check of a plan before execution (`AvoidAgentsCheck.planned`, with its 10 mm margin) and the
-monitor of the measured state (`touching`).
+monitor of the measured state (`contact_evidence`).
 
 Each state is one sample, whatever its number of arms. The last line is JSON: for each model the share of
 missed collisions and of flagged free states with Wilson's 95 % intervals, and CPU ms per state, including
@@ -32,15 +32,15 @@ from omegaconf import OmegaConf
 from scipy.optimize import brentq
 
 from rf_exp.ablation import wilson
-from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, touching
+from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, contact_evidence
 from rf_exp.geometry import (
     AGENT_MARGIN_M,
     VOXEL_M,
     PlanningScene,
     Separation,
     Swept,
-    folded,
     nearest,
+    self_collisions,
     shared,
     voxels,
 )
@@ -89,8 +89,8 @@ class State:
 
     def plan(self) -> Plan:
         """The plan for the checker: all arms hold still for one control step."""
-        standing = zip(self.task.agents, self.qpos, self.loads, self.grips, strict=True)
-        trajectories = tuple(_still(*each) for each in standing)
+        arms = zip(self.task.agents, self.qpos, self.loads, self.grips, strict=True)
+        trajectories = tuple(_still(*arm) for arm in arms)
         schedule = Schedule(np.arange(2)[:, None].repeat(len(trajectories), axis=1), 1)
         return Plan(Paths(self.task, ConstraintSet("full"), self.scene(), trajectories), schedule)
 
@@ -100,7 +100,8 @@ class State:
     def clear_of_itself_and_table(self) -> bool:
         bodies = self.bodies()
         return not any(
-            folded(body, DEFAULT.self_pairs).any() or PlanningScene.below_table(body).any() for body in bodies
+            self_collisions(body, DEFAULT.self_pairs).any() or PlanningScene.below_table(body).any()
+            for body in bodies
         )
 
     def _arm(self, planning_scene: PlanningScene, agent: int) -> Swept:
@@ -160,7 +161,7 @@ def _cameras(task: Task) -> dict:
 def touches(state: State) -> bool:
     """Whether a fresh monitor finds arms of the measured state touching."""
     separation = Separation(state.task)
-    return touching(separation, state.scene(), state.pairs(), lambda agent: frozenset()) is not None
+    return contact_evidence(separation, state.scene(), state.pairs(), lambda agent: frozenset()) is not None
 
 
 def near_contact(state: State, target_m: float) -> State | None:
@@ -171,20 +172,20 @@ def near_contact(state: State, target_m: float) -> State | None:
     def drawn_back(fraction: float) -> State:
         return replace(state, qpos=state.qpos + fraction * (rest - state.qpos))
 
-    def beyond_m(fraction: float) -> float:
+    def excess_m(fraction: float) -> float:
         return gap_m(drawn_back(fraction)) - target_m
 
     collided = touches(state)
-    if not collided or beyond_m(0.0) > 0 or beyond_m(1.0) < 0:
+    if not collided or excess_m(0.0) > 0 or excess_m(1.0) < 0:
         return None
-    found = drawn_back(float(brentq(beyond_m, 0.0, 1.0, xtol=XTOL, full_output=False)))  # pyright: ignore
-    return found if abs(gap_m(found)) < NEAR_M and found.clear_of_itself_and_table() else None
+    candidate = drawn_back(float(brentq(excess_m, 0.0, 1.0, xtol=XTOL, full_output=False)))  # pyright: ignore
+    return candidate if abs(gap_m(candidate)) < NEAR_M and candidate.clear_of_itself_and_table() else None
 
 
 def gap_m(state: State) -> float:
     """The smallest distance of two arms with their loads; negative where they overlap."""
-    found = [nearest(a, b) for a, b in combinations(state.bodies(), 2)]
-    return min(each.distance_m for each in found if each is not None)
+    nearest_pairs = [nearest(a, b) for a, b in combinations(state.bodies(), 2)]
+    return min(nearest_pair.distance_m for nearest_pair in nearest_pairs if nearest_pair is not None)
 
 
 # truth
@@ -195,7 +196,7 @@ def hull_pairs(state: State) -> Iterator[tuple]:
     for a, b in combinations(state.bodies(), 2):
         for i, x in enumerate(a.pieces):
             for j, y in enumerate(b.pieces):
-                yield x.shape, a.placed(0, i), y.shape, b.placed(0, j)
+                yield x.shape, a.coal_transform(0, i), y.shape, b.coal_transform(0, j)
 
 
 def collides(state: State) -> bool:
@@ -247,13 +248,13 @@ def of_volume(voxel_m: float) -> Callable[[State], bool]:
     return alarm
 
 
-def twice(state: State) -> bool:
+def two_phase(state: State) -> bool:
     """Model with a broad phase by voxels, and exact distances of the arms that share one."""
-    looks = [(body, voxels(body)) for body in state.bodies()]
-    for (a, filled_a), (b, filled_b) in combinations(looks, 2):
+    filled_bodies = [(body, voxels(body)) for body in state.bodies()]
+    for (a, filled_a), (b, filled_b) in combinations(filled_bodies, 2):
         if len(shared(filled_a, filled_b)):
-            found = nearest(a, b)
-            if found is not None and found.distance_m <= 0:
+            nearest_pair = nearest(a, b)
+            if nearest_pair is not None and nearest_pair.distance_m <= 0:
                 return True
     return False
 
@@ -268,7 +269,7 @@ MODELS: dict[str, Callable[[State], bool]] = {
     "bone segments, 5 cm": of_points(bones),
     "volume, 5 cm": of_volume(VOXEL_M),
     "volume, 2.5 cm": of_volume(FINE_M),
-    "volume, 5 cm, then exact": twice,
+    "volume, 5 cm, then exact": two_phase,
     "default, measured (touching)": touches,
     "default, planned (AvoidAgents, 10 mm)": planned_too_close,
     "exact, all pairs of hulls": collides,
@@ -294,13 +295,13 @@ class Sample:
 def states(kind: str, count: int, seed: int, chunk: int) -> Iterator[State]:
     rng = np.random.default_rng([seed, ("random", "near").index(kind), chunk])
     teams = [team(name) for name in TEAMS]
-    made = 0
-    while made < count:
-        state: State | None = draw(teams[made % len(teams)], rng)
+    count_made = 0
+    while count_made < count:
+        state: State | None = draw(teams[count_made % len(teams)], rng)
         if kind == "near":
             state = near_contact(state, NEAR_M * rng.uniform(-1, 1) ** 3)
         if state is not None:
-            made += 1
+            count_made += 1
             yield state
 
 
@@ -328,7 +329,7 @@ def rate(hits: NDArray[np.bool_]) -> dict[str, float | int]:
     return {"count": int(hits.sum()), "of": len(hits), **{k: round(100 * v, 2) for k, v in shares.items()}}
 
 
-def said(figure: dict[str, float | int]) -> str:
+def percent(figure: dict[str, float | int]) -> str:
     if not figure["of"]:
         return "none"
     return f"{figure['pct']:.2f} % [{figure['low_pct']:.2f}, {figure['high_pct']:.2f}]"
@@ -342,16 +343,16 @@ def main() -> None:
     parser.add_argument("--near", type=int, default=2_000, help="states near contact")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
-    arguments = parser.parse_args()
+    args = parser.parse_args()
 
-    measure("random", len(TEAMS), arguments.seed + 1, 0)  # warm up: shapes are cached
-    wanted = {"random": arguments.states, "near": arguments.near}
+    measure("random", len(TEAMS), args.seed + 1, 0)  # warm up: shapes are cached
+    counts_by_kind = {"random": args.states, "near": args.near}
     jobs = [
-        partial(measure, kind, min(CHUNK, count - begin), arguments.seed, begin // CHUNK)
-        for kind, count in wanted.items()
+        partial(measure, kind, min(CHUNK, count - begin), args.seed, begin // CHUNK)
+        for kind, count in counts_by_kind.items()
         for begin in range(0, count, CHUNK)
     ]
-    samples = [sample for chunk in in_order(jobs, arguments.workers) for sample in chunk]
+    samples = [sample for chunk in in_order(jobs, args.workers) for sample in chunk]
     near = np.array([sample.near for sample in samples])
     truth = np.array([sample.collides for sample in samples])
     far = np.array([sample.distance_m > AGENT_MARGIN_M for sample in samples])
@@ -389,7 +390,7 @@ def main() -> None:
         }
         ms = round(1e3 * float(spent_s[:, column].mean()), 2)
         result[name] = {**figures, "ms": ms}
-        cells = [said(figures[key]) for key in ("missed", "missed_near", "false", "false_far")]
+        cells = [percent(figures[key]) for key in ("missed", "missed_near", "false", "false_far")]
         print(f"| {name} | {' | '.join(cells)} | {ms:.2f} |")
     print(json.dumps({"benchmark": "soundness", **counts, "models": result}))
 

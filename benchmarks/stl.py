@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from rf_exp.constraints import Check, RoboChecker, compiled
-from rf_exp.constraints.stl import judged, kept
-from rf_exp.datagen import EpisodeMaker, Settings, Trace
+from rf_exp.constraints import Check, RoboChecker, compile_statement
+from rf_exp.constraints.stl import evaluate_check, monitor_verdict
+from rf_exp.datagen import EpisodeGenerator, Settings, Trace
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
 from rf_exp.sim import shared_simulator
@@ -49,33 +49,35 @@ from rf_exp.texts import markdown
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
-FULL, LOGICAL, BLIND = (
+FULL, LOGICAL, WITHOUT_PICTURES = (
     ConstraintSet("full"),
     ConstraintSet("logical", spatial=False, temporal=False),
     NO_PICTURES,
 )
 
 
-def drawn(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> Iterator[Statement]:
+def random_statements(
+    task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator
+) -> Iterator[Statement]:
     """Random constraints that an episode may violate or satisfy."""
-    agent, other = (int(each) for each in rng.choice(task.agents, 2, replace=len(task.agents) < 2))
-    thing = str(rng.choice(sorted(task.objects)))
+    agent, other = (int(value) for value in rng.choice(task.agents, 2, replace=len(task.agents) < 2))
+    object_name = str(rng.choice(sorted(task.objects)))
     goals = [goal for goal in proposal.subgoals if goal.object]
     yield KeepHeight(agent, float(rng.uniform(0.1, 0.6)), rng.choice(["below", "above"]))
     yield SpeedLimit(agent, float(rng.uniform(0.05, 0.4)))
-    some = [goals[int(at)] for at in rng.permutation(len(goals))[:3]]
-    for goal in some:
+    chosen_goals = [goals[int(at)] for at in rng.permutation(len(goals))[:3]]
+    for goal in chosen_goals:
         yield KeepLevel(goal.object or "", float(rng.uniform(0, 6)), goal.agent)
         yield Direction(goal.agent, goal.object or "", rng.choice(["vertical", "horizontal", "level"]))
         yield Direction(goal.agent, goal.object or "", rng.choice(["vertical", "level"]), goal.verb)
         if goal.target in task.objects and goal.target_point:
             yield PlaceAt(goal.agent, goal.object or "", goal.target or "", goal.target_point)
-    for step in (Step(agent), *(Step(goal.agent, goal.verb, goal.object) for goal in some)):
+    for step in (Step(agent), *(Step(goal.agent, goal.verb, goal.object) for goal in chosen_goals)):
         yield Deadline(step, float(rng.uniform(0, length_s)))
     low = rng.uniform((-0.5, -0.5, 0), (0.3, 0.3, 0.3))
-    low_m, high_m = (tuple(np.round(each, 2).tolist()) for each in (low, low + 0.2))
+    low_m, high_m = (tuple(np.round(value, 2).tolist()) for value in (low, low + 0.2))
     yield KeepOut(agent, low_m, high_m)
-    yield KeepOut(agent, low_m, high_m, occupied_by=thing)
+    yield KeepOut(agent, low_m, high_m, occupied_by=object_name)
     if agent == other:
         return
     yield KeepOut(agent, low_m, high_m, occupied_by=other)
@@ -86,22 +88,22 @@ def drawn(task: Task, proposal: Proposal, length_s: float, rng: np.random.Genera
     yield SameHeight(pair)
     yield ShareSpace(pair)
     yield Together(pair, within_s=float(rng.uniform(0, 4)))
-    both = [[goal for goal in goals if goal.agent == each] for each in (agent, other)]
-    if all(both):
-        chosen = (own[int(rng.permutation(len(own))[0])] for own in both)
+    goals_by_agent = [[goal for goal in goals if goal.agent == value] for value in (agent, other)]
+    if all(goals_by_agent):
+        chosen = (agent_goals[int(rng.permutation(len(agent_goals))[0])] for agent_goals in goals_by_agent)
         steps = (Step(goal.agent, goal.verb, goal.object) for goal in chosen)
         yield Before(*steps, wait_s=float(rng.choice([0.0, rng.uniform(0, 2)])))
 
 
 def checks(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> list[Check]:
     """The checks of the proposal, with implied ones, and of those random constraints that compile for it."""
-    found = list(RoboChecker(task, proposal, FULL).checks)
-    for stated in drawn(task, proposal, length_s, rng):
+    all_checks = list(RoboChecker(task, proposal, FULL).checks)
+    for statement in random_statements(task, proposal, length_s, rng):
         try:
-            found.append(compiled(stated, task, proposal))
+            all_checks.append(compile_statement(statement, task, proposal))
         except ArgumentError:
             continue
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(all_checks))
 
 
 def episode(task: Task, seed: int) -> dict[str, Any]:
@@ -109,31 +111,38 @@ def episode(task: Task, seed: int) -> dict[str, Any]:
     of disagreements; and the two CPU times."""
     settings = Settings.configured(task, FULL if seed % 2 == 0 else LOGICAL, ScriptedSpec())
     trace, began, rng = Trace(), time.process_time(), np.random.default_rng([seed, 3])
-    EpisodeMaker(settings, shared_simulator(task, BLIND), settings.make_brain(seed), trace).make(seed)
-    made_s, kinds, differ = time.process_time() - began, defaultdict(lambda: [0, 0, 0, 0]), []
+    EpisodeGenerator(
+        settings, shared_simulator(task, WITHOUT_PICTURES), settings.make_brain(seed), trace
+    ).make(seed)
+    episode_s, kinds, disagreements = time.process_time() - began, defaultdict(lambda: [0, 0, 0, 0]), []
     undecided = 0
     for planned, execution in trace.executions():
         for check in checks(task, planned.proposal, execution.clock_s[-1:].sum(), rng):
-            counts, robust = kinds[type(check).__name__], judged(execution, check)
-            expected, found = kept(execution, check), all(each.holds for each in robust)
-            if expected is None:
+            counts, verdicts = kinds[type(check).__name__], evaluate_check(execution, check)
+            monitor_holds, robust_holds = (
+                monitor_verdict(execution, check),
+                all(result.holds for result in verdicts),
+            )
+            if monitor_holds is None:
                 undecided += 1
                 continue
             counts[0] += 1
-            counts[1] += any(each.judged for each in robust)
-            counts[2] += not expected
-            counts[3] += expected != found
-            if expected != found:
-                differ.append(f"{planned.checker.code!r}: {check!r}: {[each.robustness for each in robust]}")
-    judged_s = time.process_time() - began - made_s
+            counts[1] += any(result.applies for result in verdicts)
+            counts[2] += not monitor_holds
+            counts[3] += monitor_holds != robust_holds
+            if monitor_holds != robust_holds:
+                disagreements.append(
+                    f"{planned.checker.code!r}: {check!r}: {[result.robustness for result in verdicts]}"
+                )
+    judged_s = time.process_time() - began - episode_s
     return {
         "task": task.name,
         "seed": seed,
         "row": settings.constraint_set.name,
         "kinds": kinds,
-        "differ": differ,
+        "differ": disagreements,
         "undecided": undecided,
-        "made_s": round(made_s, 2),
+        "made_s": round(episode_s, 2),
         "judged_s": round(judged_s, 2),
     }
 
@@ -146,8 +155,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         lines.append((name, *_cells([row["kinds"].get(name, (0, 0, 0, 0)) for row in rows])))
     lines += [("**task**", "", "", "", "")]
     for task in sorted({row["task"] for row in rows}):
-        mine = [counts for row in rows if row["task"] == task for counts in row["kinds"].values()]
-        lines.append((task, *_cells(mine)))
+        task_counts = [counts for row in rows if row["task"] == task for counts in row["kinds"].values()]
+        lines.append((task, *_cells(task_counts)))
     return markdown.table(("kind", "verdicts", "with a number", "violated", "agree"), lines)
 
 
@@ -163,31 +172,31 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=20, help="of each task")
     parser.add_argument("--tasks", default="all", help="with commas between")
     parser.add_argument("--log", type=Path, help="keep results here, and continue from it")
-    given = parser.parse_args()
+    args = parser.parse_args()
     names = (
-        sorted(path.stem for path in CONF.glob("*.yaml")) if given.tasks == "all" else given.tasks.split(",")
+        sorted(path.stem for path in CONF.glob("*.yaml")) if args.tasks == "all" else args.tasks.split(",")
     )
     rows = (
-        [json.loads(line) for line in given.log.read_text().splitlines()]
-        if given.log and given.log.exists()
+        [json.loads(line) for line in args.log.read_text().splitlines()]
+        if args.log and args.log.exists()
         else []
     )
     known = {(row["task"], row["seed"]) for row in rows}
     for name in names:
-        node = OmegaConf.to_object(OmegaConf.load(CONF / f"{name}.yaml"))
-        assert isinstance(node, dict)
-        task = load_task(name, node[name])
-        for seed in range(given.episodes):
+        config = OmegaConf.to_object(OmegaConf.load(CONF / f"{name}.yaml"))
+        assert isinstance(config, dict)
+        task = load_task(name, config[name])
+        for seed in range(args.episodes):
             if (name, seed) in known:
                 continue
             rows.append(episode(task, seed))
-            if given.log:
-                with given.log.open("a") as log:
+            if args.log:
+                with args.log.open("a") as log:
                     log.write(json.dumps(rows[-1]) + "\n")
     print(table(rows))
     for row in rows:
-        for each in row["differ"]:
-            print(f"differs: {row['task']} {row['seed']}: {each}")
+        for difference in row["differ"]:
+            print(f"differs: {row['task']} {row['seed']}: {difference}")
     verdicts, numbers, violated, differ = np.sum(
         [counts for row in rows for counts in row["kinds"].values()], axis=0
     ).tolist()

@@ -47,18 +47,16 @@ def pushed_apart(*, own_ids: bool) -> tuple[float, int]:
     for _ in range(int(SECONDS / physics.timestep)):
         physics.step()
         touching += any(set(contact.bodies) == set(hands) for contact in physics.get_contacts())
-    apart_mm = 1000 * float(np.linalg.norm(hands[1].entity_pose.p - hands[0].entity_pose.p))
+    gap_mm = 1000 * float(np.linalg.norm(hands[1].entity_pose.p - hands[0].entity_pose.p))
     env.close()
-    return round(apart_mm, 1), touching
+    return round(gap_mm, 1), touching
 
 
 def main() -> None:
     logging.disable(logging.WARNING)
     stock, separate = pushed_apart(own_ids=False), pushed_apart(own_ids=True)
-    for name, (apart_mm, touching) in (("as it is", stock), ("own ids", separate)):
-        print(
-            f"{name}: the hands are {apart_mm} mm apart in the end, {touching} steps with a contact of them"
-        )
+    for name, (gap_mm, touching) in (("as it is", stock), ("own ids", separate)):
+        print(f"{name}: the hands are {gap_mm} mm apart in the end, {touching} steps with a contact of them")
     result = {
         "stock_mm": stock[0],
         "stock_contacts": stock[1],

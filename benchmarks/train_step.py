@@ -46,15 +46,15 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=None, help="windows; 32, or 8 for paper")
     parser.add_argument("--threads", type=int, default=1, help="more are steady on an idle machine only")
     parser.add_argument("--lerobot", metavar="PYTHON", help="of an environment with lerobot; size paper")
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    paper = arguments.size == "paper"
-    if arguments.lerobot and not paper:
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    paper = args.size == "paper"
+    if args.lerobot and not paper:
         parser.error("--lerobot is of the paper's shapes; add --size paper")
     small = ("training.run_length=4", "policy.head.diffusion.noise_draws=4")
-    chosen = recipe(arguments.size, *(() if paper else small))
-    config, train = chosen.policy, chosen.training
-    count = arguments.batch or (8 if paper else 32)
+    experiment = recipe(args.size, *(() if paper else small))
+    config, train = experiment.policy, experiment.training
+    count = args.batch or (8 if paper else 32)
 
     torch.manual_seed(0)
     windows = Windows(noise(config), VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
@@ -67,31 +67,31 @@ def main() -> None:
     times: dict[str, list[float]] = {}
     frames = 0
     with ExitStack() as stack:
-        python = arguments.lerobot
-        other = python and stack.enter_context(LeRobot(python, "train", count, arguments.threads))
-        for index in range(arguments.steps + 1):  # the first round warms up
+        python = args.lerobot
+        lerobot = python and stack.enter_context(LeRobot(python, "train", count, args.threads))
+        for index in range(args.steps + 1):  # the first round warms up
             unique = windows.batch(batches[index % len(batches)], rng)
             frames = len(unique.pictures)
             for kind, batch in (("unique", unique), ("naive", per_window(unique))):
                 for name, layout in (("nhwc", torch.channels_last), ("nchw", torch.contiguous_format)):
                     # `encode` makes (U, h, w, 3) channels_last; for NCHW the memory is laid out first.
-                    laid = batch.pictures
+                    pictures = batch.pictures
                     if layout is torch.contiguous_format:
-                        laid = laid.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)
-                    elapsed = milliseconds(policies[layout], replace(batch, pictures=laid))
+                        pictures = pictures.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)
+                    elapsed = milliseconds(policies[layout], replace(batch, pictures=pictures))
                     times.setdefault(f"{kind}_{name}", []).append(elapsed)
-            if other:
-                times.setdefault("lerobot", []).append(other.milliseconds())
+            if lerobot:
+                times.setdefault("lerobot", []).append(lerobot.milliseconds())
     rates = {name: round(count * 1e3 / median(values[1:]), 2) for name, values in times.items()}
-    print(f"{count} windows of {frames} frames (naive: {3 * count}), {arguments.threads} threads")
+    print(f"{count} windows of {frames} frames (naive: {3 * count}), {args.threads} threads")
     result = {
-        "size": arguments.size,
+        "size": args.size,
         **{f"{name}_windows_per_s": rate for name, rate in rates.items()},
         "unique_over_naive": round(rates["unique_nhwc"] / rates["naive_nhwc"], 2),
         "nhwc_over_nchw": round(rates["unique_nhwc"] / rates["unique_nchw"], 2),
         "both": round(rates["unique_nhwc"] / rates["naive_nchw"], 2),
     }
-    if arguments.lerobot:
+    if args.lerobot:
         result["unique_over_lerobot"] = round(rates["unique_nhwc"] / rates["lerobot"], 2)
     print(json.dumps(result))
 

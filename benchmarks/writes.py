@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-HANG_S = 300  # a command that takes longer is ended
+HANG_LIMIT_S = 300  # a command that takes longer is ended
 SCENES = 3  # of the experiment that kills.py makes
-CHANGED = {  # audit event -> indices of its arguments with the changed path and the descriptor of its folder
+CHANGE_EVENTS = {  # audit event -> argument indices of the changed path and of its folder's descriptor
     "os.mkdir": (0, 2),
     "os.rename": (1, 3),
     "os.remove": (0, 1),
@@ -39,7 +39,7 @@ CHANGED = {  # audit event -> indices of its arguments with the changed path and
     "os.symlink": (1, 2),
     "os.truncate": (0, None),
 }
-FOR_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
+WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 Content = dict[str, str]  # path -> digest of its bytes
 
@@ -51,11 +51,11 @@ class Command:
     run: Callable[[Path], object]  # takes the folder below which it writes
     prepare: Callable[[Path], object] = lambda folder: None  # fills the folder beforehand
     inputs: tuple[Path, ...] = ()  # only read
-    whole: tuple[
+    atomic_outputs: tuple[
         str, ...
     ] = ()  # files and folders that must be in their old or their new state, never in between
     # Further defects of the folder after a kill, in words; empty for none.
-    torn: Callable[[Path], str] = lambda folder: ""
+    other_defects: Callable[[Path], str] = lambda folder: ""
 
 
 @dataclass
@@ -64,11 +64,11 @@ class Trials:
 
     kills: int = 0
     writes: int = 0
-    wrong: list[str] = field(default_factory=list)
+    defects: list[str] = field(default_factory=list)
 
     @property
     def row(self) -> dict[str, Any]:
-        return {"writes": self.writes, "kills": self.kills, "right": self.kills - len(self.wrong)}
+        return {"writes": self.writes, "kills": self.kills, "right": self.kills - len(self.defects)}
 
 
 def in_child(
@@ -82,65 +82,69 @@ def in_child(
     read, write = os.pipe()
     pid = os.fork()
     if not pid:
-        made = 0
+        write_count = 0
 
         def count(event: str, args: tuple[Any, ...]) -> None:
-            nonlocal made
+            nonlocal write_count
             if writes_below(str(below), event, args):
-                made += 1
-                if made == dies_at:
+                write_count += 1
+                if write_count == dies_at:
                     os.kill(os.getpid(), signal.SIGKILL)
 
         try:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             os.fsync = lambda _: None  # data in the page cache survives a kill: no need to wait for a disk
-            signal.alarm(HANG_S)
+            signal.alarm(HANG_LIMIT_S)
             sys.addaudithook(count)
             job()
         except BaseException as error:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)
         finally:
-            os.write(write, str(made).encode())
+            os.write(write, str(write_count).encode())
             os._exit(0)
     os.close(write)
     if dies_after_s:
         time.sleep(dies_after_s)
         os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
-    with open(read, "rb") as told:
-        said = told.read()
-    return int(said) if said else None
+    with open(read, "rb") as pipe:
+        output = pipe.read()
+    return int(output) if output else None
 
 
 def writes_below(below: str, event: str, args: tuple[Any, ...]) -> bool:
     """Whether an audit event of Python is a change below a folder."""
     if event == "open":
         path, _, flags = args
-        return isinstance(flags, int) and bool(flags & FOR_WRITING) and str(path).startswith(below)
-    if event not in CHANGED:
+        return isinstance(flags, int) and bool(flags & WRITE_FLAGS) and str(path).startswith(below)
+    if event not in CHANGE_EVENTS:
         return False
-    of, within = CHANGED[event]
-    path = os.fsdecode(args[of]) if not isinstance(args[of], int) else f"/proc/self/fd/{args[of]}"
-    if within is not None and args[within] != -1:
-        path = os.path.join(os.readlink(f"/proc/self/fd/{args[within]}"), path)
+    path_index, folder_index = CHANGE_EVENTS[event]
+    path = (
+        os.fsdecode(args[path_index])
+        if not isinstance(args[path_index], int)
+        else f"/proc/self/fd/{args[path_index]}"
+    )
+    if folder_index is not None and args[folder_index] != -1:
+        path = os.path.join(os.readlink(f"/proc/self/fd/{args[folder_index]}"), path)
     return path.startswith(below)
 
 
 def content(folder: Path) -> Content:
     """The content of a folder without lock files, which contain their holders."""
-    found: Content = {}
+    contents: Content = {}
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         if path.is_dir() and not any(path.iterdir()):
-            found[name] = "empty folder"
+            contents[name] = "empty folder"
         elif path.is_file() and path.suffix != ".lock":
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
-    return found
+            contents[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return contents
 
 
-def of(found: Content, name: str) -> Content:
+def content_below(contents: Content, name: str) -> Content:
     """The part of a content that is a file or lies in a folder."""
-    return {path: digest for path, digest in found.items() if path == name or path.startswith(f"{name}/")}
+    return {path: digest for path, digest in contents.items() if path == name or path.startswith(f"{name}/")}
 
 
 def killed(
@@ -149,33 +153,38 @@ def killed(
     """Kills a command before every `every`-th of its `last` (default: all) writes, and at random moments."""
     rng, trials = np.random.default_rng(seed), Trials()
     inputs = [content(path) for path in command.inputs]
-    before, whole = content(_fresh(command, folder / "killed")), _fresh(command, folder / "whole")
+    before, reference = content(_fresh(command, folder / "killed")), _fresh(command, folder / "whole")
     began = time.monotonic()
-    writes = in_child(lambda: command.run(whole), whole)
-    took_s = time.monotonic() - began
+    writes = in_child(lambda: command.run(reference), reference)
+    run_s = time.monotonic() - began
     if not writes:
         raise SystemExit(f"{folder}: nothing was written")
-    trials.writes, wanted = writes, content(whole)
+    trials.writes, expected = writes, content(reference)
     numbers = range(1, writes + 1)[-last if last else 0 :: every]
-    ways: list[dict[str, Any]] = [{"dies_at": number} for number in numbers]
-    ways += [{"dies_after_s": float(seconds)} for seconds in rng.uniform(1e-3, took_s, moments)]
-    for way in ways:
+    kill_settings: list[dict[str, Any]] = [{"dies_at": number} for number in numbers]
+    kill_settings += [{"dies_after_s": float(seconds)} for seconds in rng.uniform(1e-3, run_s, moments)]
+    for setting in kill_settings:
         out = _fresh(command, folder / "killed")
-        if in_child(lambda out=out: command.run(out), out, **way) is not None:
+        if in_child(lambda out=out: command.run(out), out, **setting) is not None:
             continue  # it ended before the kill
         trials.kills += 1
-        found, wrong = content(out), command.torn(out)
-        for name in command.whole:
-            if of(found, name) not in (of(before, name), of(wanted, name)):
-                wrong = f"{name} is neither as it was nor as it will be"
+        actual, defect = content(out), command.other_defects(out)
+        for name in command.atomic_outputs:
+            if content_below(actual, name) not in (
+                content_below(before, name),
+                content_below(expected, name),
+            ):
+                defect = f"{name} is neither as it was nor as it will be"
         if inputs != [content(path) for path in command.inputs]:
-            wrong = "an input has changed"
+            defect = "an input has changed"
         in_child(lambda out=out: command.run(out), out)
-        if (found := content(out)) != wanted:
-            differing = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
-            wrong = wrong or f"then not as undisturbed: {', '.join(differing[:4])}"
-        if wrong:
-            trials.wrong.append(f"{way}: {wrong}")
+        if (actual := content(out)) != expected:
+            differing = sorted(
+                name for name in {*actual, *expected} if actual.get(name) != expected.get(name)
+            )
+            defect = defect or f"then not as undisturbed: {', '.join(differing[:4])}"
+        if defect:
+            trials.defects.append(f"{setting}: {defect}")
     return trials
 
 
@@ -187,7 +196,7 @@ def _fresh(command: Command, folder: Path) -> Path:
     return folder
 
 
-def commands(made: Path, folder: Path) -> dict[str, Command]:
+def commands(source: Path, folder: Path) -> dict[str, Command]:
     """All commands that write, on data of `benchmarks/kills.py` in `made`, with their inputs in `folder`."""
     from rf_exp.ablation import PUBLISHED
     from rf_exp.data.__main__ import FORMATS, export, merge_stores
@@ -197,25 +206,30 @@ def commands(made: Path, folder: Path) -> dict[str, Command]:
     publish, release = (
         runpy.run_path(str(ROOT / "scripts" / f"{name}.py"))[name] for name in ("publish", "release")
     )
-    (store,), (policies,) = made.glob("data/*/*/*.zarr"), made.glob("policies/*/*/*/*-3-0")
+    (store,), (policies,) = source.glob("data/*/*/*.zarr"), source.glob("policies/*/*/*/*-3-0")
     shutil.rmtree(folder, ignore_errors=True)
-    parts = [_part(store, folder / f"{name}.zarr", of) for name, of in (("first", (0, 1)), ("last", (2,)))]
+    parts = [
+        _part(store, folder / f"{name}.zarr", episode_indices)
+        for name, episode_indices in (("first", (0, 1)), ("last", (2,)))
+    ]
     damaged, older = folder / "damaged.zarr", folder / "older"
     shutil.copytree(store, damaged)
     (damaged / "data/rgb_agent1/c/0/0/0/0").write_bytes(b"no picture")
     original = content(damaged)
-    shutil.copytree(made / "results", older / "results")
+    shutil.copytree(source / "results", older / "results")
     for path in older.rglob("*.configuration.json"):
         path.write_text('{"evaluated": "otherwise"}')
     for path in older.rglob("*.jsonl"):
         path.write_bytes(path.read_bytes().replace(b'"success": true', b'"success": false'))
     publish(older, folder / "published", SCENES)
-    publish(made, folder / "new", SCENES)
-    zipped = release(policies, folder).name
-    (folder / zipped).write_bytes(b"the release before")
+    publish(source, folder / "new", SCENES)
+    archive = release(policies, folder).name
+    (folder / archive).write_bytes(b"the release before")
     exports = {
         f"export-{form}": Command(
-            lambda out, form=form: export(store, out / "export", form), inputs=(store,), whole=("export",)
+            lambda out, form=form: export(store, out / "export", form),
+            inputs=(store,),
+            atomic_outputs=("export",),
         )
         for form in FORMATS
     }
@@ -224,33 +238,35 @@ def commands(made: Path, folder: Path) -> dict[str, Command]:
         "merge": Command(
             lambda out: merge_stores(parts, out / "merged.zarr"),
             inputs=tuple(parts),
-            whole=("merged.zarr", "merged.md"),
-            torn=lambda out: "no card" if [each.name for each in out.glob("m*")] == ["merged.zarr"] else "",
+            atomic_outputs=("merged.zarr", "merged.md"),
+            other_defects=lambda out: (
+                "no card" if [path.name for path in out.glob("m*")] == ["merged.zarr"] else ""
+            ),
         ),
         **exports,
         "import": Command(
             lambda out: import_demonstrations([folder / "raw"], out / "s.zarr"),
             inputs=(folder / "raw",),
-            whole=("s.md",),
+            atomic_outputs=("s.md",),
         ),
         "rescue": Command(
             lambda out: rescue(out / "q.zarr"),
             prepare=lambda out: shutil.copytree(damaged, out / "q.zarr"),
-            torn=lambda out: (
+            other_defects=lambda out: (
                 "" if original in map(content, out.glob("q*.zarr")) else "the damaged store is nowhere"
             ),
         ),
         "release": Command(
             lambda out: release(policies, out),
-            prepare=lambda out: shutil.copyfile(folder / zipped, out / zipped),
+            prepare=lambda out: shutil.copyfile(folder / archive, out / archive),
             inputs=(policies,),
-            whole=(zipped,),
+            atomic_outputs=(archive,),
         ),
         "publish": Command(
-            lambda out: publish(made, out / "published", SCENES),
+            lambda out: publish(source, out / "published", SCENES),
             prepare=lambda out: shutil.copytree(folder / "published", out / "published"),
-            inputs=(made / "results", made / "policies"),
-            whole=tuple(
+            inputs=(source / "results", source / "policies"),
+            atomic_outputs=tuple(
                 str(Path("published", path.relative_to(folder / "new")))
                 for path in (folder / "new").rglob(f"*{PUBLISHED}")
             ),
@@ -279,16 +295,16 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=30, help="at random moments, of each command")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("outputs/kills"))
-    given = parser.parse_args()
-    folder = given.folder.resolve()
+    args = parser.parse_args()
+    folder = args.folder.resolve()
     runpy.run_path(str(Path(__file__).with_name("kills.py")))["undisturbed"](folder / "whole")
-    known = commands(folder / "whole", folder / "inputs")
-    found = {}
-    for name in given.commands.split(",") if given.commands else known:
-        trials = killed(known[name], folder / name, given.every, moments=given.kills, seed=given.seed)
-        found[name] = trials.row
-        print(name, trials.row, *trials.wrong, sep="\n  ", flush=True)
-    print(json.dumps({"benchmark": "writes", **found}))
+    all_commands = commands(folder / "whole", folder / "inputs")
+    results = {}
+    for name in args.commands.split(",") if args.commands else all_commands:
+        trials = killed(all_commands[name], folder / name, args.every, moments=args.kills, seed=args.seed)
+        results[name] = trials.row
+        print(name, trials.row, *trials.defects, sep="\n  ", flush=True)
+    print(json.dumps({"benchmark": "writes", **results}))
 
 
 if __name__ == "__main__":

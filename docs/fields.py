@@ -19,11 +19,11 @@ class Fields(Extension):
             return
         lines = attr.lines_collection[attr.filepath]  # pyright: ignore[reportArgumentType]
         code, _, _ = lines[attr.endlineno - 1].partition("  # ")
-        behind = COMMENT.search(lines[attr.endlineno - 1][len(code) :])
-        found = [behind[1]] if behind else []
+        trailing = COMMENT.search(lines[attr.endlineno - 1][len(code) :])
+        comments = [trailing[1]] if trailing else []
         for line in lines[attr.endlineno :]:
-            if not (below := COMMENT.fullmatch(line.strip())) or not attr.parent.is_class:
+            if not (continuation := COMMENT.fullmatch(line.strip())) or not attr.parent.is_class:
                 break
-            found.append(below[1])
-        if found:
-            attr.docstring = Docstring(" ".join(found), parent=attr)
+            comments.append(continuation[1])
+        if comments:
+            attr.docstring = Docstring(" ".join(comments), parent=attr)

@@ -37,8 +37,8 @@ def figure(panels: Sequence[Panel]) -> str:
     """SVG text; the last place holds the legend. What is drawn stands in its description (`described`)."""
     with rc_context(STYLE):
         rows = len(panels) // COLUMNS + 1
-        drawn = Figure((9.2, 1.75 * rows), layout="constrained")
-        grid = drawn.subplots(rows, COLUMNS, sharex=True, sharey=True).ravel()
+        drawing = Figure((9.2, 1.75 * rows), layout="constrained")
+        grid = drawing.subplots(rows, COLUMNS, sharex=True, sharey=True).ravel()
         for axes, panel in zip(grid, panels, strict=False):
             _panel(axes, panel)
         for axes in grid[len(panels) :]:
@@ -49,7 +49,7 @@ def figure(panels: Sequence[Panel]) -> str:
         grid[-1].legend(handles, labels, loc="center", frameon=False)
         buffer = io.StringIO()
         metadata = {"Date": None, "Description": described(panels)}
-        drawn.savefig(buffer, format="svg", metadata=metadata, transparent=True)
+        drawing.savefig(buffer, format="svg", metadata=metadata, transparent=True)
     return re.sub(r" +$", "", buffer.getvalue(), flags=re.MULTILINE)
 
 
@@ -68,10 +68,10 @@ def described(panels: Sequence[Panel]) -> str:
 def _panel(axes: Axes, panel: Panel) -> None:
     title, ours, paper = panel
     demos = sorted(ours)
-    theirs: dict[str, Any] = {"color": PAPER, "mfc": "none", "ms": 4.5, "lw": 1.1, "label": "the paper"}
-    axes.plot(sorted(paper), [100 * paper[n] for n in sorted(paper)], "D--", **theirs)
-    own: dict[str, Any] = {"color": OURS, "ms": 5, "lw": 1.8, "label": "rf_exp, strict, 95 % interval"}
-    axes.plot(demos, [100 * ours[n].value for n in demos], "o-", **own)
+    paper_style: dict[str, Any] = {"color": PAPER, "mfc": "none", "ms": 4.5, "lw": 1.1, "label": "the paper"}
+    axes.plot(sorted(paper), [100 * paper[n] for n in sorted(paper)], "D--", **paper_style)
+    our_style: dict[str, Any] = {"color": OURS, "ms": 5, "lw": 1.8, "label": "rf_exp, strict, 95 % interval"}
+    axes.plot(demos, [100 * ours[n].value for n in demos], "o-", **our_style)
     for n in demos:
         axes.plot([n, n], [100 * ours[n].low, 100 * ours[n].high], color=OURS, lw=1.4)
     axes.set_title(title, fontsize=9.5, fontweight="bold", loc="left")

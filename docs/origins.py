@@ -23,8 +23,8 @@ from rf_exp.experiment import read_experiment
 from rf_exp.keys import RENAMED
 
 ROOT = Path(__file__).parents[1]
-ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
-UNUSED = {  # what came later was not recorded where it was not used
+ORIGIN_COLUMNS = ("demonstrations by generator", "values when measured; keys added since", "policies")
+VALUES_WHEN_ABSENT = {  # what came later was not recorded where it was not used
     "policy.acting.transition_integrator": 0.0,
     "policy.encoder.keypoints.downsample": 1,
     "policy.encoder.keypoints.crop_refinement": 0,
@@ -34,33 +34,45 @@ UNUSED = {  # what came later was not recorded where it was not used
 
 
 def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
-    """Generator, what is otherwise in the recipe now, and the policies of which it is so; newest first."""
-    found: dict[tuple[str, str], list[str]] = {}
+    """(generator, changes of the recipe since then, policies) for each origin, newest generator first."""
+    policies_by_origin: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         if not row.shield:  # the same policies
-            of = f"{title_of(row.task, configured())} {row.demos}"
-            how = [word for word, known in ((row.arch, BASELINE_ARCH), (row.recipe, "fast")) if word != known]
-            found.setdefault(origin(row), []).append(f"{of} ({', '.join(how)})" if how else of)
-    return [(*key, "; ".join(found[key])) for key in sorted(found, reverse=True)]
+            policy = f"{title_of(row.task, configured())} {row.demos}"
+            qualifiers = [
+                word for word, default in ((row.arch, BASELINE_ARCH), (row.recipe, "fast")) if word != default
+            ]
+            policies_by_origin.setdefault(origin(row), []).append(
+                f"{policy} ({', '.join(qualifiers)})" if qualifiers else policy
+            )
+    return [(*key, "; ".join(policies_by_origin[key])) for key in sorted(policies_by_origin, reverse=True)]
 
 
 def origin(row: EvaluationRow) -> tuple[str, str]:
-    """Of one policy: the generator, and what is otherwise now."""
+    """The generator of the demonstrations of a policy, and the changes of its recipe since then."""
     rows = _published(row)
     if row.train_seed not in rows.made:
         return "-", "not recorded"
     generator = rows.made[row.train_seed]["data"]["identity"]["generator"].partition(".")[0]
-    then, now = as_now(rows.asked), today(row.recipe.partition("+")[0])
-    told = [f"`{key}` {then[key]}" for key in sorted(then) if key in now and then[key] != now[key]]
-    if missing := [f"`{key}`" for key in sorted(now.keys() - then.keys()) if now[key] != UNUSED.get(key)]:
-        told.append(f"without {', '.join(missing)}")
-    return generator, ", ".join(told)
+    recorded, current = with_current_keys(rows.asked), current_recipe(row.recipe.partition("+")[0])
+    changes = [
+        f"`{key}` {recorded[key]}"
+        for key in sorted(recorded)
+        if key in current and recorded[key] != current[key]
+    ]
+    if missing := [
+        f"`{key}`"
+        for key in sorted(current.keys() - recorded.keys())
+        if current[key] != VALUES_WHEN_ABSENT.get(key)
+    ]:
+        changes.append(f"without {', '.join(missing)}")
+    return generator, ", ".join(changes)
 
 
 def learned_with(row: EvaluationRow, key: str) -> Any:
     """The value of a key of the recipe of one policy; None where it was not there yet."""
     rows = _published(row)
-    return as_now(rows.asked).get(key) if rows.asked else None
+    return with_current_keys(rows.asked).get(key) if rows.asked else None
 
 
 def _published(row: EvaluationRow) -> Published[EvaluationRow]:
@@ -74,7 +86,7 @@ def published(rows: Path) -> Published[EvaluationRow]:
 
 
 @cache
-def today(recipe: str) -> Mapping[str, Any]:
+def current_recipe(recipe: str) -> Mapping[str, Any]:
     """The recipe as it is in conf/."""
     choice = (
         f"ablation/{recipe}"
@@ -84,23 +96,23 @@ def today(recipe: str) -> Mapping[str, Any]:
     with initialize_config_dir(str(ROOT / "conf"), version_base=None):
         config = compose("config", [f"policy={choice}", f"recipe={recipe}", "profile=laptop"])
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore
-    return flat({"policy": experiment.policy.identity, "training": experiment.training.identity})
+    return recipe_values({"policy": experiment.policy.identity, "training": experiment.training.identity})
 
 
-def flat(node: Mapping[str, Any]) -> dict[str, Any]:
+def recipe_values(node: Mapping[str, Any]) -> dict[str, Any]:
     """What decides policy and training, by dotted keys."""
-    found = leaves(plain({part: node[part] for part in ("policy", "training")}))
-    return {key: value for key, value in found.items() if key != "training.seed"}
+    values = leaves(plain({part: node[part] for part in ("policy", "training")}))
+    return {key: value for key, value in values.items() if key != "training.seed"}
 
 
-def as_now(node: Mapping[str, Any]) -> Mapping[str, Any]:
+def with_current_keys(node: Mapping[str, Any]) -> Mapping[str, Any]:
     """What was recorded, by the keys of now: when encoder and head had no sections of their own, too."""
-    then = flat(node)
+    recorded = recipe_values(node)
     if isinstance(node["policy"]["encoder"], Mapping):
-        return then
-    seen, drafted = then.pop("policy.observation", "pictures"), then.get("policy.draft")
-    found = {RENAMED.get(key, key): value for key, value in then.items()}
-    encoder = {"heatmaps": "keypoints"}.get(found["policy.encoder.name"], found["policy.encoder.name"])
-    found["policy.encoder.name"] = "privileged" if seen == "state" else encoder
-    found["policy.head.name"] = "refined" if drafted else "diffusion"
-    return {**found, "policy.phase_dropout": then.get("policy.dropout", 0.0)}
+        return recorded
+    observation, has_draft = recorded.pop("policy.observation", "pictures"), recorded.get("policy.draft")
+    renamed = {RENAMED.get(key, key): value for key, value in recorded.items()}
+    encoder = {"heatmaps": "keypoints"}.get(renamed["policy.encoder.name"], renamed["policy.encoder.name"])
+    renamed["policy.encoder.name"] = "privileged" if observation == "state" else encoder
+    renamed["policy.head.name"] = "refined" if has_draft else "diffusion"
+    return {**renamed, "policy.phase_dropout": recorded.get("policy.dropout", 0.0)}

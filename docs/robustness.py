@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
-from origins import ORIGIN, origins
+from origins import ORIGIN_COLUMNS, origins
 
 from rf_exp.ablation import (
     EvaluationRow,
@@ -17,7 +17,7 @@ from rf_exp.ablation import (
     robustness,
     title_of,
 )
-from rf_exp.artifacts import rendered
+from rf_exp.artifacts import render_template
 from rf_exp.command import CONF
 from rf_exp.tasks import FACTORS, read_variation
 from rf_exp.texts.markdown import table
@@ -25,53 +25,62 @@ from rf_exp.texts.markdown import table
 ROOT = Path(__file__).parents[1]
 HERE = Path(__file__).parent
 VARIATIONS = CONF / "variation"
-KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
-FACTOR = "`variation=`", "what varies", "how far", "stream"
+KEY_PATTERN = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
+FACTOR_COLUMNS = "`variation=`", "what varies", "how far", "stream"
 Policy = tuple[str, str, int]  # task, recipe, demonstrations
 Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, training seed, scene
 MINUTES = "core-minutes"
 DEMOS = 150
-SUITE = ("fast", "robust+full")  # what a reader compares first: learned from usual scenes, from varied ones
-TOGETHER = ("none", "posture", "full")  # the columns of the first table
+RECIPES = ("fast", "robust+full")  # what a reader compares first: learned from usual scenes, from varied ones
+SUMMARY_VARIATIONS = ("none", "posture", "full")  # the columns of the first table
 
 
-def choices() -> list[str]:
+def variation_names() -> list[str]:
     """Every choice of conf/variation: those of one factor, then those of several."""
     names = sorted(path.stem for path in VARIATIONS.glob("*.yaml"))
-    return sorted(names, key=lambda name: (name != "none", stream(name) == "", name))
+    return sorted(names, key=lambda name: (name != "none", random_stream(name) == "", name))
 
 
-def stream(name: str) -> str:
+def random_stream(name: str) -> str:
     """The stream of random numbers of a choice of one factor; empty for one of several, or of none."""
     factors = read_variation(name).factors
     return f"{FACTORS.index(factors[0])}, `{factors[0]}`" if len(factors) == 1 else ""
 
 
-def factor(name: str) -> tuple[str, str, str, str]:
+def factor_line(name: str) -> tuple[str, str, str, str]:
     """The line of a choice: what its file says of it first, and what it says otherwise than `none`."""
     comment = (VARIATIONS / f"{name}.yaml").read_text("utf-8").splitlines()[0]
-    varies = read_variation(name).identity
-    told = "; ".join(f"`{key}` {_range(value)}" for key, value in varies.items())
-    streams = "" if name == "none" else stream(name) or "those of its factors"
-    return f"`{name}`", _words(comment.removeprefix("# ")), told or "nothing", streams
+    changed = read_variation(name).identity
+    values = "; ".join(f"`{key}` {_range(value)}" for key, value in changed.items())
+    streams = "" if name == "none" else random_stream(name) or "those of its factors"
+    return f"`{name}`", _cell_text(comment.removeprefix("# ")), values or "nothing", streams
 
 
 def keys() -> list[tuple[str, str]]:
     """Every key with what none.yaml says of it."""
-    said = {key: words for key, words in KEY.findall((VARIATIONS / "none.yaml").read_text("utf-8"))}
-    return [(f"`{key}`", _words(words.replace("\n# ", " "))) for key, words in said.items() if key != "name"]
+    meanings = {
+        key: meaning for key, meaning in KEY_PATTERN.findall((VARIATIONS / "none.yaml").read_text("utf-8"))
+    }
+    return [
+        (f"`{key}`", _cell_text(meaning.replace("\n# ", " ")))
+        for key, meaning in meanings.items()
+        if key != "name"
+    ]
 
 
 def measured(results: Results) -> str:
     """The rows of the table of robustness; empty where nothing was measured."""
-    found = robustness(results, configured())
-    if not found.lines:
+    robustness_table = robustness(results, configured())
+    if not robustness_table.lines:
         return ""
-    shown = [k for k, column in enumerate(found.columns) if column.key != "strict_violations"]
-    heading = [found.heading.lower(), *(found.columns[k].title.lower() for k in shown)]
+    columns = [k for k, column in enumerate(robustness_table.columns) if column.key != "strict_violations"]
+    heading = [
+        robustness_table.heading.lower(),
+        *(robustness_table.columns[k].title.lower() for k in columns),
+    ]
     lines = []
-    for line in found.lines:
-        lines.append([line.title, *(line.cells[k].markdown() for k in shown)])
+    for line in robustness_table.lines:
+        lines.append([line.title, *(line.cells[k].markdown() for k in columns)])
     return table(heading, lines)
 
 
@@ -82,21 +91,21 @@ def summary(results: Results) -> str:
     """
     lines = [
         [title_of(task, configured()), f"`{recipe.partition('+')[0]}`", str(demos)]
-        + [_percent(rates.get(name, ())) for name in TOGETHER]
+        + [_percent(rates.get(name, ())) for name in SUMMARY_VARIATIONS]
         for (task, recipe, demos), rates in _rates(results).items()
     ]
-    heading = ["task", "recipe", "demonstrations", *(f"`{name}`" for name in TOGETHER)]
+    heading = ["task", "recipe", "demonstrations", *(f"`{name}`" for name in SUMMARY_VARIATIONS)]
     return table(heading, lines) if lines else ""
 
 
-def alone(results: Results) -> str:
+def single_factor_table(results: Results) -> str:
     """The same of scenes that vary in one thing, a line a variation; empty where none was measured."""
     rates = _rates(results)
-    policies = [policy for policy, of_policy in rates.items() if {*of_policy} - {*TOGETHER}]
+    policies = [policy for policy, by_variation in rates.items() if {*by_variation} - {*SUMMARY_VARIATIONS}]
     lines = [
         [f"`{name}`", *(_percent(rates[policy].get(name, ())) for policy in policies)]
-        for name in choices()
-        if name not in TOGETHER and any(name in rates[policy] for policy in policies)
+        for name in variation_names()
+        if name not in SUMMARY_VARIATIONS and any(name in rates[policy] for policy in policies)
     ]
     heading = [
         f"{title_of(task, configured())}, `{recipe.partition('+')[0]}`" for task, recipe, _ in policies
@@ -106,27 +115,29 @@ def alone(results: Results) -> str:
 
 def _suite(results: Results) -> list[EvaluationRow]:
     """The rows of the suite's tasks and two recipes, of as many demonstrations as its tables or more."""
-    rows = (row for row in results.evaluation if row.task in configured() and row.recipe in SUITE)
+    rows = (row for row in results.evaluation if row.task in configured() and row.recipe in RECIPES)
     return [row for row in rows if row.demos >= DEMOS and is_baseline(row) and not row.shield]
 
 
 def _rates(results: Results) -> dict[Policy, dict[str, list[bool]]]:
     """Policy -> variation -> successes, of tasks that are measured in more than one variation."""
-    found: dict[Policy, dict[str, list[bool]]] = {}
+    by_policy: dict[Policy, dict[str, list[bool]]] = {}
     for row in _suite(results):
-        of_policy = found.setdefault((row.task, row.recipe, row.demos), {})
-        of_policy.setdefault(row.variation, []).append(row.success)
-    varied = {task for (task, *_), of_policy in found.items() if len(of_policy) > 1}
+        by_variation = by_policy.setdefault((row.task, row.recipe, row.demos), {})
+        by_variation.setdefault(row.variation, []).append(row.success)
+    varied = {task for (task, *_), by_variation in by_policy.items() if len(by_variation) > 1}
     order = list(configured())
-    policies = sorted(found, key=lambda policy: (order.index(policy[0]), SUITE.index(policy[1]), policy[2]))
-    return {policy: found[policy] for policy in policies if policy[0] in varied}
+    policies = sorted(
+        by_policy, key=lambda policy: (order.index(policy[0]), RECIPES.index(policy[1]), policy[2])
+    )
+    return {policy: by_policy[policy] for policy in policies if policy[0] in varied}
 
 
 def _percent(successes: Sequence[bool]) -> str:
     return f"{100 * sum(successes) / len(successes):.0f}" if successes else ""
 
 
-def beside(results: Results, one: str, other: str, minutes: bool) -> str:
+def compare_recipes(results: Results, first: str, second: str, minutes: bool) -> str:
     """A recipe beside another in the same scenes; empty where none were measured with both."""
     cells: dict[tuple[str, str, str], dict[Trial, EvaluationRow]] = {}
     for row in results.evaluation:
@@ -135,23 +146,32 @@ def beside(results: Results, one: str, other: str, minutes: bool) -> str:
             cells.setdefault((row.task, row.variation, row.recipe), {})[trial] = row
     suite, lines = configured(), []
     for task, scenes in product(suite, ("none", "posture", "full")):
-        first, then = (cells.get((task, scenes, f"{recipe}+full"), {}) for recipe in (one, other))
-        pairs = [(first[trial], then[trial]) for trial in sorted(first.keys() & then.keys())]
+        first_rows, second_rows = (
+            cells.get((task, scenes, f"{recipe}+full"), {}) for recipe in (first, second)
+        )
+        pairs = [
+            (first_rows[trial], second_rows[trial])
+            for trial in sorted(first_rows.keys() & second_rows.keys())
+        ]
         if not pairs:
             continue
         success = [(a.success, b.success) for a, b in pairs]
-        before, after = map(sum, zip(*success, strict=True))
+        first_successes, second_successes = map(sum, zip(*success, strict=True))
         differ = [b for a, b in success if a != b]
         p, cost = paired(success).p, [f"{row.core_s / 60:.0f}" for row in pairs[0]]
-        shares = [str(before), f"**{after}**", f"{sum(differ)}, {len(differ) - sum(differ)}"]
+        shares = [
+            str(first_successes),
+            f"**{second_successes}**",
+            f"{sum(differ)}, {len(differ) - sum(differ)}",
+        ]
         shares += ["<0.001" if p < 0.001 else f"{p:.2g}", *(cost if minutes else ())]
         lines.append([title_of(task, suite), f"`{scenes}`", *shares])
-    names = f"`{one}`", f"`{other}`"
+    names = f"`{first}`", f"`{second}`"
     costs = [f"{MINUTES}, {name}" for name in names] if minutes else []
     return table(["task", "scenes", *names, "won, lost", "p", *costs], lines) if lines else ""
 
 
-def _words(comment: str) -> str:
+def _cell_text(comment: str) -> str:
     """A comment within a cell."""
     return comment.replace("|", "\\|")
 
@@ -163,21 +183,21 @@ def _range(value: object) -> str:
 def documents(results: Results) -> dict[Path, str]:
     """The pages: what was measured, and what was tried."""
     varied = (row for row in results.evaluation if "+full" in row.recipe and is_baseline(row))
-    made = {(row.task, row.recipe, row.demos, row.train_seed): row for row in varied}
-    page = rendered(
+    policies = {(row.task, row.recipe, row.demos, row.train_seed): row for row in varied}
+    main_page = render_template(
         HERE / "robustness.jinja",
-        factors=table(FACTOR, [factor(name) for name in choices()]),
+        factors=table(FACTOR_COLUMNS, [factor_line(name) for name in variation_names()]),
         keys=table(("key", "what it is"), keys()),
         summary=summary(results),
-        alone=alone(results),
+        alone=single_factor_table(results),
         measured=measured(results),
-        origins=table(ORIGIN, origins(made.values())),
-        homing=beside(results, "without_homing", "robust", minutes=False),
-        search=beside(results, "without_search", "robust", minutes=False),
+        origins=table(ORIGIN_COLUMNS, origins(policies.values())),
+        homing=compare_recipes(results, "without_homing", "robust", minutes=False),
+        search=compare_recipes(results, "without_search", "robust", minutes=False),
     )
-    looks = beside(results, "without_crop_refinement", "without_homing", minutes=True)
-    trials = rendered(HERE / "robustness_trials.jinja", looks=looks)
-    return {HERE / "robustness.md": page, HERE / "robustness_trials.md": trials}
+    crop_refinement = compare_recipes(results, "without_crop_refinement", "without_homing", minutes=True)
+    trials_page = render_template(HERE / "robustness_trials.jinja", looks=crop_refinement)
+    return {HERE / "robustness.md": main_page, HERE / "robustness_trials.md": trials_page}
 
 
 if __name__ == "__main__":

@@ -16,17 +16,17 @@ from figure import FAINT, STYLE  # of this folder
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rf_exp.artifacts import rendered
+from rf_exp.artifacts import render_template
 from rf_exp.texts.markdown import table
 
 ROOT, HERE = Path(__file__).parents[1], Path(__file__).parent
 ROWS, PAGE, FIGURE = ROOT / "benchmarks" / "scaling.tsv", HERE / "scaling.md", HERE / "images" / "scaling.svg"
-MEMBER = re.compile(r"([a-z]+)_(\d+)x(\d+)")
-PLANNING = ("motion_s", "schedule_s", "checks_s")
-NUMBERS = ("seed", "steps", "attempts", "contacts", "makespan", "bound", "peak_mb")
-COLUMNS = ("task", "success", *NUMBERS, *PLANNING, "physics_s", "episode_s")
+MEMBER_PATTERN = re.compile(r"([a-z]+)_(\d+)x(\d+)")
+PLANNING_COLUMNS = ("motion_s", "schedule_s", "checks_s")
+NUMBER_COLUMNS = ("seed", "steps", "attempts", "contacts", "makespan", "bound", "peak_mb")
+FILE_COLUMNS = ("task", "success", *NUMBER_COLUMNS, *PLANNING_COLUMNS, "physics_s", "episode_s")
 COLOURS = {"ring": "#2f81f7", "tower": "#d9702e", "chain": "#3fa34d", "lift": "#a371f7"}
-HEADING = (
+TABLE_COLUMNS = (
     "",
     "strict",
     "at the first attempt",
@@ -43,54 +43,56 @@ Row = dict[str, Any]
 Cell = tuple[str, int, int]  # family, arms, things
 
 
-def adopt(rows: Path) -> None:
+def import_rows(rows: Path) -> None:
     """The rows of a run become those of the page."""
-    found = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
-    found.sort(key=lambda row: (*_cell(row["task"]), row["seed"]))
+    imported = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
+    imported.sort(key=lambda row: (*_parse_cell(row["task"]), row["seed"]))
     with ROWS.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, delimiter="\t", lineterminator="\n", extrasaction="ignore")
+        writer = csv.DictWriter(
+            file, FILE_COLUMNS, delimiter="\t", lineterminator="\n", extrasaction="ignore"
+        )
         writer.writeheader()
-        writer.writerows({**row, "success": int(row["success"])} for row in found)
+        writer.writerows({**row, "success": int(row["success"])} for row in imported)
 
 
 def read() -> dict[Cell, list[Row]]:
     """The rows of each cell, by family, number of arms and number of things."""
-    found: dict[Cell, list[Row]] = {}
+    cells: dict[Cell, list[Row]] = {}
     with ROWS.open(encoding="utf-8", newline="") as file:
-        for said in csv.DictReader(file, delimiter="\t"):
-            row: Row = {key: float(value) for key, value in said.items() if key != "task"}
-            found.setdefault(_cell(said["task"]), []).append(row)
-    return found
+        for fields in csv.DictReader(file, delimiter="\t"):
+            row: Row = {key: float(value) for key, value in fields.items() if key != "task"}
+            cells.setdefault(_parse_cell(fields["task"]), []).append(row)
+    return cells
 
 
 def planning_s(rows: list[Row]) -> float:
     """Mean CPU seconds of motion, schedule and checks."""
-    return float(np.mean([sum(row[key] for key in PLANNING) for row in rows]))
+    return float(np.mean([sum(row[key] for key in PLANNING_COLUMNS) for row in rows]))
 
 
 def exponent(cells: dict[Cell, list[Row]], family: str, things: int) -> str:
     """With which planning grows with the number of arms, from two on; least squares of logarithms."""
-    told = [
+    points = [
         (arms, planning_s(rows))
         for (name, arms, count), rows in cells.items()
         if (name, count) == (family, things)
     ]
-    told = [each for each in told if each[0] > 1]
-    return f"{np.polyfit(*np.log(np.array(told)).T, 1)[0]:.2f}" if len(told) > 2 else ""
+    points = [each for each in points if each[0] > 1]
+    return f"{np.polyfit(*np.log(np.array(points)).T, 1)[0]:.2f}" if len(points) > 2 else ""
 
 
 def line(cell: Cell, rows: list[Row]) -> list[str]:
     """The line of a cell in the table."""
     count, bound = len(rows), sum(row["bound"] for row in rows)
     first = sum(row["success"] == 1 and row["attempts"] == 1 for row in rows)
-    over = sum(row["makespan"] for row in rows) / bound - 1 if bound else 0.0
+    excess = sum(row["makespan"] for row in rows) / bound - 1 if bound else 0.0
     return [
         f"`{cell[0]}_{cell[1]}x{cell[2]}`",
         f"{sum(row['success'] for row in rows):.0f} of {count}",
         f"{first} of {count}",
         f"{sum(row['contacts'] for row in rows):.0f}",
         f"{np.mean([row['steps'] for row in rows]):.0f}",
-        f"{100 * over:.1f} %",
+        f"{100 * excess:.1f} %",
         f"{planning_s(rows):.2f}",
         f"{np.mean([row['physics_s'] for row in rows]):.2f}",
         f"{np.mean([row['episode_s'] for row in rows]):.2f}",
@@ -99,24 +101,24 @@ def line(cell: Cell, rows: list[Row]) -> list[str]:
     ]
 
 
-def drawn(cells: dict[Cell, list[Row]]) -> str:
+def draw_figure(cells: dict[Cell, list[Row]]) -> str:
     """SVG: what planning and the whole episode take over the number of arms, one thing."""
     with rc_context({**STYLE, "svg.hashsalt": "scaling"}):
-        whole = Figure((8.0, 3.2), layout="constrained")
-        left, right = whole.subplots(1, 2, sharex=True, sharey=True)
+        figure = Figure((8.0, 3.2), layout="constrained")
+        left, right = figure.subplots(1, 2, sharex=True, sharey=True)
         for family, colour in COLOURS.items():
-            own = {
+            by_arms = {
                 arms: rows
                 for (name, arms, things), rows in sorted(cells.items())
                 if (name, things) == (family, 1)
             }
-            episodes = [np.mean([row["episode_s"] for row in rows]) for rows in own.values()]
+            episodes = [np.mean([row["episode_s"] for row in rows]) for rows in by_arms.values()]
             style: Any = {"marker": "o", "ms": 4, "lw": 1.6, "color": colour, "label": family}
-            left.plot([*own], [planning_s(rows) for rows in own.values()], **style)
-            right.plot([*own], episodes, **style)
+            left.plot([*by_arms], [planning_s(rows) for rows in by_arms.values()], **style)
+            right.plot([*by_arms], episodes, **style)
         pairs = np.arange(2, 9)
-        guide: Any = {"ls": ":", "lw": 1.2, "color": "#768390"}
-        left.plot(pairs, 0.04 * pairs * (pairs - 1), label="as the number of pairs", **guide)
+        reference: Any = {"ls": ":", "lw": 1.2, "color": "#768390"}
+        left.plot(pairs, 0.04 * pairs * (pairs - 1), label="as the number of pairs", **reference)
         for axes, title in ((left, "planning"), (right, "whole episode")):
             axes.set_xscale("log")
             axes.set_yscale("log")
@@ -128,7 +130,7 @@ def drawn(cells: dict[Cell, list[Row]]) -> str:
             axes.set_xlabel("arms")
         left.legend(frameon=False, fontsize=8)
         buffer = io.StringIO()
-        whole.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     return re.sub(r" +$", "", buffer.getvalue(), flags=re.MULTILINE)
 
 
@@ -139,27 +141,27 @@ def document(cells: dict[Cell, list[Row]]) -> str:
         for family in COLOURS
         for things in sorted({cell[2] for cell in cells if cell[0] == family})
     ]
-    grown = [(f"`{family}`", str(things), exponent(cells, family, things)) for family, things in families]
-    every = [row for rows in cells.values() for row in rows]
-    return rendered(
+    exponents = [(f"`{family}`", str(things), exponent(cells, family, things)) for family, things in families]
+    all_rows = [row for rows in cells.values() for row in rows]
+    return render_template(
         HERE / "scaling.jinja",
-        cells=table(HEADING, [line(cell, rows) for cell, rows in sorted(cells.items(), key=_order)]),
-        exponents=table(("family", "things", "exponent"), [each for each in grown if each[2]]),
-        seeds=len({row["seed"] for row in every}),
-        scenes=f"{len(every):,}",
-        succeeded=f"{sum(row['success'] for row in every):,.0f}",
+        cells=table(TABLE_COLUMNS, [line(cell, rows) for cell, rows in sorted(cells.items(), key=_sort_key)]),
+        exponents=table(("family", "things", "exponent"), [each for each in exponents if each[2]]),
+        seeds=len({row["seed"] for row in all_rows}),
+        scenes=f"{len(all_rows):,}",
+        succeeded=f"{sum(row['success'] for row in all_rows):,.0f}",
     )
 
 
-def _order(item: tuple[Cell, list[Row]]) -> tuple[int, int, int]:
+def _sort_key(item: tuple[Cell, list[Row]]) -> tuple[int, int, int]:
     (family, arms, things), _ = item
     return [*COLOURS].index(family), things, arms
 
 
-def _cell(task: str) -> Cell:
-    found = MEMBER.fullmatch(task)
-    assert found is not None, task
-    return found[1], int(found[2]), int(found[3])
+def _parse_cell(task: str) -> Cell:
+    match = MEMBER_PATTERN.fullmatch(task)
+    assert match is not None, task
+    return match[1], int(match[2]), int(match[3])
 
 
 if __name__ == "__main__":
@@ -167,7 +169,7 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rows", type=Path, nargs="?", help="of benchmarks/arms.py")
-    if (given := parser.parse_args()).rows is not None:
-        adopt(given.rows)
-    FIGURE.write_text(drawn(read()), "utf-8")
+    if (arguments := parser.parse_args()).rows is not None:
+        import_rows(arguments.rows)
+    FIGURE.write_text(draw_figure(read()), "utf-8")
     PAGE.write_text(document(read()), "utf-8")

@@ -28,10 +28,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Links to such files lead to their pages."""
 
-    def inside(link: re.Match[str]) -> str:
+    def rewrite_link(link: re.Match[str]) -> str:
         return f"]({_page(link[1])})" if files.get_file_from_path(_page(link[1])) else link[0]
 
-    return OUTSIDE.sub(inside, markdown)
+    return OUTSIDE.sub(rewrite_link, markdown)
 
 
 def _page(name: str) -> str:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from policies import CHALLENGE, cells, measured, of_fast, percent, rate
+from policies import CHALLENGE_BEST, measured, paper_table_cells, percent, rate, rows_by_policy
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -26,27 +26,27 @@ from rf_exp.ablation import (
     paper,
     read_rows,
     title_of,
-    turned,
+    transposed,
     wilson,
 )
 from rf_exp.texts.markdown import table
 
 ROOT = Path(__file__).parents[1]
-SCENES = {"none": "nominal scenes", "posture": "other initial postures", "full": "all factors"}
+SCENE_COLUMNS = {"none": "nominal scenes", "posture": "other initial postures", "full": "all factors"}
 
 
 def policies() -> str:
     """The rates of our recipe at the largest number of demonstrations beside the paper's."""
-    found, most = of_fast(cells(measured())), paper().demos[-1]
+    cells, demos = paper_table_cells(rows_by_policy(measured())), paper().demos[-1]
     lines = [
         (
             title_of(task, configured()),
             str(agents),
-            f"**{percent(rate(found[task, BASELINE_ARCH, most]))}**",
-            percent(paper().baseline[task][most]),
+            f"**{percent(rate(cells[task, BASELINE_ARCH, demos]))}**",
+            percent(paper().baseline[task][demos]),
         )
         for task, agents in paper().levels.items()
-        if (task, BASELINE_ARCH, most) in found
+        if (task, BASELINE_ARCH, demos) in cells
     ]
     return table(("task", "arms", "rf_exp", "paper"), lines)
 
@@ -57,7 +57,7 @@ def challenge() -> str:
         row for row in measured() if is_baseline(row) and not row.shield and row.demos == paper().demos[-1]
     ]
     lines = []
-    for task, best in CHALLENGE.items():
+    for task, best in CHALLENGE_BEST.items():
         of_task = [row for row in rows if row.task == task]
         groups = ([row for row in of_task if row.recipe == recipe] for recipe in ("fast", "crop_refinement"))
         shares = (f"**{percent(rate(group))}**" if group else "" for group in groups)
@@ -75,13 +75,13 @@ def robust() -> str:
     for task, configuration in configured().items():
         demos = max((row.demos for row in rows if row.task == task), default=0)
         of_task = [row for row in rows if (row.task, row.demos) == (task, demos)]
-        found = {scenes: [row for row in of_task if row.variation == scenes] for scenes in SCENES}
-        if all(found.values()):
-            shares = (f"**{percent(rate(group))}**" for group in found.values())
+        by_scenes = {scenes: [row for row in of_task if row.variation == scenes] for scenes in SCENE_COLUMNS}
+        if all(by_scenes.values()):
+            shares = (f"**{percent(rate(group))}**" for group in by_scenes.values())
             counts = str(configuration.agents), str(demos)
-            minutes = f"{core_minutes(found['none']):.0f}"
+            minutes = f"{core_minutes(by_scenes['none']):.0f}"
             lines.append((title_of(task, configured()), *counts, *shares, minutes))
-    heading = "task", "arms", "demonstrations", *SCENES.values(), "core-minutes of learning"
+    heading = "task", "arms", "demonstrations", *SCENE_COLUMNS.values(), "core-minutes of learning"
     return table(heading, lines)
 
 
@@ -90,13 +90,13 @@ def experts() -> str:
     lines, tasks = [], {name: task.agents for name, task in configured().items()}
     for task, agents in {**paper().levels, **dict(sorted(tasks.items(), key=lambda each: each[1]))}.items():
         rows = read_rows(ROOT / "results" / "expert" / f"{task}{PUBLISHED}", GenerationRow)
-        found = wilson(sum(row.success for row in rows), len(rows))
+        success_rate = wilson(sum(row.success for row in rows), len(rows))
         lines.append(
             (
                 title_of(task, configured()),
                 str(agents),
                 f"{sum(row.success for row in rows)} of {len(rows)}",
-                f"{100 * found.low:.1f} to {100 * found.high:.1f} %",
+                f"{100 * success_rate.low:.1f} to {100 * success_rate.high:.1f} %",
                 str(sum(row.success_paper for row in rows)),
                 f"{_lengths(rows).value:.1f}",
             )
@@ -114,7 +114,7 @@ def ablation_success() -> str:
         line = [f"`{kind}`"]
         for task in figures:
             rows = _cell(task, kind)
-            line += [_told(wilson(n, len(rows)), 100) for n in _successes(rows)]
+            line += [_estimate_text(wilson(n, len(rows)), 100) for n in _successes(rows)]
             line.append(f"{100 * figures[task]:.1f}")
         lines.append(line)
     return table(heading, lines)
@@ -128,24 +128,24 @@ def ablation_length() -> str:
     for kind, figures in paper().ablation_length.items():
         line = [f"`{kind}`"]
         for task in figures:
-            line += [_told(_lengths(_cell(task, kind))), f"{figures[task]:g}"]
+            line += [_estimate_text(_lengths(_cell(task, kind))), f"{figures[task]:g}"]
         lines.append(line)
     return table(heading, lines)
 
 
 def ablation_others() -> str:
     """Of each other task: successes at the first attempt and in the end, of how many; mean length."""
-    kinds, theirs = [*paper().ablation_success], {*next(iter(paper().ablation_success.values()))}
+    kinds, paper_tasks = [*paper().ablation_success], {*next(iter(paper().ablation_success.values()))}
     lines = []
     for task in configured():
-        if task in theirs or not (ROOT / "results" / "ablation" / task).exists():
+        if task in paper_tasks or not (ROOT / "results" / "ablation" / task).exists():
             continue
         line = [title_of(task, configured())]
         for kind in kinds:
             rows = _cell(task, kind)
             first, end = _successes(rows)
-            long = f"{_lengths(rows).value:.0f}" if end else "-"
-            line.append(f"**{first}**, **{end}** of {len(rows)}; {long}")
+            mean_steps = f"{_lengths(rows).value:.0f}" if end else "-"
+            line.append(f"**{first}**, **{end}** of {len(rows)}; {mean_steps}")
         lines.append(line)
     return table(["first, end; steps", *(f"`{kind}`" for kind in kinds)], lines)
 
@@ -154,8 +154,8 @@ def compared_brains() -> str:
     """A table for each task, in which brains stand side by side."""
     paths = sorted((ROOT / "results" / "brains").glob(f"*/*{PUBLISHED}"))
     rows = tuple(row for path in paths for row in read_rows(path, GenerationRow))
-    found = turned(brains(Results(generation=rows), configured()), lambda cell: cell.markdown())
-    return "\n\n".join(f"{title}:\n\n{table(heading, lines)}" for title, heading, lines in found)
+    brain_tables = transposed(brains(Results(generation=rows), configured()), lambda cell: cell.markdown())
+    return "\n\n".join(f"{title}:\n\n{table(heading, lines)}" for title, heading, lines in brain_tables)
 
 
 def _ablated() -> Iterator[str]:
@@ -176,12 +176,12 @@ def _lengths(rows: Sequence[GenerationRow]) -> Estimate:
     return mean([row.steps for row in rows if row.success])
 
 
-def _told(found: Estimate, scale: float = 1) -> str:
-    value, low, high = (scale * each for each in (found.value, *found.interval))
+def _estimate_text(estimate: Estimate, scale: float = 1) -> str:
+    value, low, high = (scale * each for each in (estimate.value, *estimate.interval))
     return f"**{value:.1f}** [{low:.1f}, {high:.1f}]"
 
 
-WRITTEN: Mapping[str, Mapping[str, Callable[[], str]]] = {
+TABLE_WRITERS: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "README.md": {"policies": policies, "challenge": challenge, "robust": robust},
     "docs/ablation.md": {"success": ablation_success, "length": ablation_length, "others": ablation_others},
     "docs/brains.md": {"brains": compared_brains},
@@ -191,19 +191,19 @@ WRITTEN: Mapping[str, Mapping[str, Callable[[], str]]] = {
 
 def documents() -> dict[Path, str]:
     """Each document with its tables as the rows have them."""
-    found = {}
-    for name, made in WRITTEN.items():
+    texts = {}
+    for name, writers in TABLE_WRITERS.items():
         text = (ROOT / name).read_text("utf-8")
-        for mark, write in made.items():
-            begin = f"<!-- {mark}: docs/tables.py -->\n"
-            between = re.compile(f"(?<={re.escape(begin)}).*?(?=<!-- end -->)", re.DOTALL)
-            text, count = between.subn(lambda _, write=write: write() + "\n", text)
+        for table_name, write in writers.items():
+            begin = f"<!-- {table_name}: docs/tables.py -->\n"
+            pattern = re.compile(f"(?<={re.escape(begin)}).*?(?=<!-- end -->)", re.DOTALL)
+            text, count = pattern.subn(lambda _, write=write: write() + "\n", text)
             if count != 1:
                 raise SystemExit(
                     f"{name} has {begin.strip()} ... <!-- end --> {count} times; expected it once"
                 )
-        found[ROOT / name] = text
-    return found
+        texts[ROOT / name] = text
+    return texts
 
 
 if __name__ == "__main__":

@@ -39,10 +39,10 @@ leave them out or have them last.
 
 def tasks() -> list[Task]:
     """The paper's tasks in its order, then all further ones."""
-    found = {path.stem: path for path in sorted((CONF / "task").glob("*.yaml"))}
-    names = [name for name in paper().levels if name in found]
-    names += [name for name in found if name not in names]
-    return [load_task(name, OmegaConf.to_container(OmegaConf.load(found[name]))[name]) for name in names]
+    paths = {path.stem: path for path in sorted((CONF / "task").glob("*.yaml"))}
+    names = [name for name in paper().levels if name in paths]
+    names += [name for name in paths if name not in names]
+    return [load_task(name, OmegaConf.to_container(OmegaConf.load(paths[name]))[name]) for name in names]
 
 
 def conditions(task: Task) -> list[str]:
@@ -57,12 +57,12 @@ def section(task: Task) -> str:
     arms = "one arm" if len(task.agents) == 1 else f"{len(task.agents)} arms"
     config = f"[configuration](../conf/task/{task.name}.yaml)"
     module = f"[module](../rf_exp/tasks/{task.name}.py)"
-    asked = "The paper's target condition" if task.name in paper().levels else "Target condition"
+    condition_label = "The paper's target condition" if task.name in paper().levels else "Target condition"
     strict = f"- Strict: {'; '.join(conditions(task))}; for {task.success['hold_steps']:g} steps."
     lines = [
         f"`{task.name}`, {arms}, criteria version {task.version}: {config}, {module}.",
         task.description,
-        f"- {asked}: {task.target_condition}",
+        f"- {condition_label}: {task.target_condition}",
         strict,
     ]
     filled = [textwrap.fill(line, 108, subsequent_indent="  " * line.startswith("- ")) for line in lines]

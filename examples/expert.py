@@ -20,10 +20,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
     parser.add_argument("--task", default="lift_barrier")
     parser.add_argument("--episodes", type=int, default=3)
-    given = parser.parse_args()
-    env = gymnasium.make(rf_exp.envs.environment_id(given.task))
+    args = parser.parse_args()
+    env = gymnasium.make(rf_exp.envs.environment_id(args.task))
     settings = Settings.configured(env.get_wrapper_attr("task"), ConstraintSet("full"), ScriptedSpec())
-    for seed in range(given.episodes):
+    for seed in range(args.episodes):
         episode = make_episode(settings, NO_PICTURES, seed).episode
         if episode is None:
             print(f"scene {seed}: the expert does not succeed")

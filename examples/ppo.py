@@ -21,7 +21,7 @@ except ModuleNotFoundError as error:
     raise SystemExit(f"{error.name} is not installed; run: pip install stable-baselines3") from None
 
 
-def unit(env: gymnasium.Env) -> gymnasium.Env:
+def rescale_actions(env: gymnasium.Env) -> gymnasium.Env:
     """Rescales actions in [-1, 1], where PPO starts, to the range of every joint."""
     return gymnasium.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
 
@@ -31,13 +31,13 @@ def main() -> None:
     parser.add_argument("--task", default="pick_meat")
     parser.add_argument("--steps", type=int, default=4096)
     parser.add_argument("--envs", type=int, default=2)
-    given = parser.parse_args()
-    name = rf_exp.envs.environment_id(given.task)
-    env = make_vec_env(name, given.envs, seed=0, wrapper_class=unit)
-    model = PPO("MultiInputPolicy", env, n_steps=min(256, given.steps // given.envs), seed=0, verbose=1)
-    model.learn(given.steps)
+    args = parser.parse_args()
+    name = rf_exp.envs.environment_id(args.task)
+    env = make_vec_env(name, args.envs, seed=0, wrapper_class=rescale_actions)
+    model = PPO("MultiInputPolicy", env, n_steps=min(256, args.steps // args.envs), seed=0, verbose=1)
+    model.learn(args.steps)
     reward, _ = evaluate_policy(model, env, n_eval_episodes=4)
-    print(f"{given.task}: mean reward {reward:g} after {model.num_timesteps} control steps")
+    print(f"{args.task}: mean reward {reward:g} after {model.num_timesteps} control steps")
     env.close()
 
 

@@ -20,12 +20,12 @@ def main() -> None:
     parser.add_argument("--task", default="lift_barrier")
     parser.add_argument("--episodes", type=int, default=3)
     parser.add_argument("--steps", type=int, help="control steps of an episode; the task's own unless given")
-    given = parser.parse_args()
-    env = parallel_env(given.task, Observations(state="joints"), step_limit=given.steps)
+    args = parser.parse_args()
+    env = parallel_env(args.task, Observations(state="joints"), step_limit=args.steps)
     rng = np.random.default_rng(0)
-    for episode in range(given.episodes):
-        observed, infos = env.reset(seed=episode)
-        actions = {agent: np.append(observed[agent]["qpos"][:7], 1.0) for agent in env.agents}
+    for episode in range(args.episodes):
+        observations, infos = env.reset(seed=episode)
+        actions = {agent: np.append(observations[agent]["qpos"][:7], 1.0) for agent in env.agents}
         total = 0.0
         while env.agents:
             for agent in env.agents:
@@ -33,7 +33,7 @@ def main() -> None:
                 actions[agent] = np.clip(
                     actions[agent] + STRIDE * rng.standard_normal(8), space.low, space.high
                 )
-            observed, rewards, _terminated, _truncated, infos = env.step(actions)
+            observations, rewards, _terminated, _truncated, infos = env.step(actions)
             total += rewards["agent1"]
         info = infos["agent1"]
         missing = [name for name, holds in info["conditions"].items() if not holds]

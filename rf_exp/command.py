@@ -23,15 +23,15 @@ from yaml import MarkedYAMLError
 from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.installed import CONF
-from rf_exp.keys import arranged, checked_folder, keys_told, not_among_files, refuse_unknown_keys
+from rf_exp.keys import checked_arguments, checked_folder, keys_help, refuse_unknown_keys, unknown_key_message
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
-from rf_exp.progress import complaints
+from rf_exp.progress import error_console
 from rf_exp.secrets import refuse_keys
 from rf_exp.texts import LONGEST_ERROR, one_line, shown
 
-FULL = "HYDRA_FULL_ERROR"  # set to 1 by users to see tracebacks
+FULL_ERROR = "HYDRA_FULL_ERROR"  # set to 1 by users to see tracebacks
 SPARE_BYTES = 2**24  # reserved, and freed when memory runs out, so that the error can still be reported
-WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
+ARGUMENT_ERRORS = (ArgumentError, HydraException, OmegaConfBaseException)
 OUT_OF_MEMORY = (  # parts of the messages of libraries and the system
     *("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory"),
     *("OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc"),
@@ -40,7 +40,7 @@ OUT_OF_MEMORY = (  # parts of the messages of libraries and the system
 # `out` is checked before Hydra makes the folder of its logs.
 OmegaConf.register_new_resolver("folder", checked_folder, replace=True)
 OmegaConf.register_new_resolver("file_name", lambda choice: PurePosixPath(choice).name, replace=True)
-OmegaConf.register_new_resolver("keys_told", keys_told, replace=True)
+OmegaConf.register_new_resolver("keys_help", keys_help, replace=True)
 
 
 def register_all_tasks() -> None:
@@ -52,87 +52,87 @@ def register_all_tasks() -> None:
         store.store(group="task", name=path.stem, node={"defaults": [f"family/{path.stem}"]})
 
 
-class _Told(KeyboardInterrupt):
+class _SignalReceived(KeyboardInterrupt):
     """Raised on a signal (its argument) that ends the command."""
 
 
-def guarded(job: Callable[[], None]) -> int:
+def run_guarded(job: Callable[[], None]) -> int:
     """Runs `job`; exit code: 0 done, 1 a stage failed, 2 a wrong argument, 130 Ctrl-C, 143 SIGTERM.
 
     Prints an error as one line. HYDRA_FULL_ERROR=1 shows the traceback as well.
     """
-    full = os.environ.get(FULL)
+    full_error = os.environ.get(FULL_ERROR)
     spare = bytearray(SPARE_BYTES)
     # Otherwise Hydra would print every error itself and exit with 1.
-    os.environ[FULL] = "1"
+    os.environ[FULL_ERROR] = "1"
     try:
-        with _told():
+        with _signals_end_command():
             refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
-            sys.argv[1:] = _without_release(sys.argv[1:])
+            sys.argv[1:] = _expand_release(sys.argv[1:])
             try:
                 job()
             finally:  # Hydra raises SystemExit after --help
                 sys.stdout.flush()
-    except _Told as told:
-        (number,) = told.args
-        complaints.print(f"ended by {number.name}; the same command goes on from here")
+    except _SignalReceived as received:
+        (number,) = received.args
+        error_console.print(f"ended by {number.name}; the same command goes on from here")
         return SHELL_SIGNAL + number
     except KeyboardInterrupt:
-        complaints.print("interrupted; the same command goes on from here")
+        error_console.print("interrupted; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGINT
     except BrokenPipeError:  # as in `rf-exp --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the rest there
-        complaints.print("ended: nobody reads the output; the same command goes on from here")
+        error_console.print("ended: output pipe closed; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGPIPE
     except Exception as error:
         del spare
-        if full == "1":
-            complaints.print("".join(traceback.format_exception(error)), end="")
-        code, line = _line(error)
-        complaints.print(shown(line, LONGEST_ERROR))
+        if full_error == "1":
+            error_console.print("".join(traceback.format_exception(error)), end="")
+        code, message = _exit_code_and_message(error)
+        error_console.print(shown(message, LONGEST_ERROR))
         return code
     finally:
-        os.environ.pop(FULL)
-        if full is not None:
-            os.environ[FULL] = full
+        os.environ.pop(FULL_ERROR)
+        if full_error is not None:
+            os.environ[FULL_ERROR] = full_error
     return 0
 
 
-def _without_release(arguments: list[str]) -> list[str]:
-    if not any("released" in each for each in arguments):
+def _expand_release(arguments: list[str]) -> list[str]:
+    if not any("released" in argument for argument in arguments):
         return arguments  # help and a wrong argument are answered without torch
-    from rf_exp.release import unpacked
+    from rf_exp.release import expand_release
 
-    return unpacked(arguments)
+    return expand_release(arguments)
 
 
-def settled(config: DictConfig) -> dict[str, Any]:
+def to_plain_config(config: DictConfig) -> dict[str, Any]:
     """The composed configuration as plain values.
 
     Raises ArgumentError for a task whose texts are interpolated, for example from the environment: they are
     published.
     """
-    from rf_exp.tasks import check_words  # also imports the objects, which --help does not need
+    from rf_exp.tasks import check_texts  # also imports the objects, which --help does not need
 
     if isinstance(tasks := config.get("task"), DictConfig):
         for name, task in tasks.items_ex(resolve=False):
-            check_words(str(name), OmegaConf.to_container(task) if OmegaConf.is_config(task) else task)
+            check_texts(str(name), OmegaConf.to_container(task) if OmegaConf.is_config(task) else task)
     node: Any = OmegaConf.to_container(config, resolve=True)
     return node
 
 
-def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
+def hydra_command(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
     """Decorator of a command's main function: Hydra composes its configuration from `conf/` and arguments."""
 
     def decorate(main: Callable[[DictConfig], None]) -> Callable[[], None]:
-        by_hydra = hydra.main(version_base="1.3", config_path=str(CONF), config_name=config_name)
+        hydra_main = hydra.main(version_base="1.3", config_path=str(CONF), config_name=config_name)
 
         @functools.wraps(main)
         def run() -> None:
             register_all_tasks()
-            sys.argv[1:] = arranged(sys.argv[1:])
+            sys.argv[1:] = checked_arguments(sys.argv[1:])
             try:
-                by_hydra(explained(main))()
+                hydra_main(wrap_unexpected_errors(main))()
             except OSError as error:  # from Hydra, which makes its folder, not from the job
                 if error.filename is None or disk_full(error):
                     raise
@@ -144,7 +144,7 @@ def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Calla
     return decorate
 
 
-def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]:
+def wrap_unexpected_errors(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]:
     """Decorator of the function below `hydra.main`: turns unexpected errors into a StageError and a log file.
 
     A job that a launcher has put into a process of its own ends with the command.
@@ -160,59 +160,59 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
                 import_code(policy)
             refuse_unknown_keys(config)
             main(config)
-        except (*WRONG, RfError, BrokenPipeError):
+        except (*ARGUMENT_ERRORS, RfError, BrokenPipeError):
             raise
         except Exception as error:
-            raise _unexpected(error, Path(HydraConfig.get().runtime.output_dir)) from error
+            raise _unexpected_error(error, Path(HydraConfig.get().runtime.output_dir)) from error
 
     return run
 
 
-def _line(error: Exception) -> tuple[int, str]:
+def _exit_code_and_message(error: Exception) -> tuple[int, str]:
     """Exit code and last line of output for an error that reached the command."""
-    if isinstance(error, WRONG):
-        return 2, f"wrong argument: {_in_other_words(error)}"
+    if isinstance(error, ARGUMENT_ERRORS):
+        return 2, f"wrong argument: {_clear_message(error)}"
     if isinstance(error, MarkedYAMLError) and (mark := error.problem_mark) is not None:
-        said = one_line(f"{mark.name}, line {mark.line + 1}: {error.problem}", LONGEST_ERROR)
-        return 2, f"wrong argument: {said}; it is no YAML"
+        place = one_line(f"{mark.name}, line {mark.line + 1}: {error.problem}", LONGEST_ERROR)
+        return 2, f"wrong argument: {place}; it is no YAML"
     if isinstance(error, OSError) and error.filename is not None and not disk_full(error):
         why = one_line(f"{error.filename}: {error.strerror}", LONGEST_ERROR)
         return 2, f"wrong argument: {why}"
     if not isinstance(error, RfError):
-        error = _unexpected(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
+        error = _unexpected_error(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
     return 1, f"failed: {error}"
 
 
-def _in_other_words(error: Exception) -> str:
+def _clear_message(error: Exception) -> str:
     """The message about a wrong argument; replaces messages of Hydra and OmegaConf that mislead."""
-    if found := re.match(r"Could not override '([^']+)'", str(error)):  # unknown key
-        return not_among_files(found[1])
+    if match := re.match(r"Could not override '([^']+)'", str(error)):  # unknown key
+        return unknown_key_message(match[1])
     if "interpolation '${variation}'" in str(error):
         return "variation is no single name; say one of conf/variation, or -m variation=ONE,OTHER: a job each"
-    if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
-        return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
-    if found := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a subfolder of its group
-        group, name = found.groups()
-        paths = (path.relative_to(CONF).with_suffix("") for path in (CONF / group).glob(f"*/{name}.yaml"))
-        if meant := [f"{group}={path.relative_to(group).as_posix()}" for path in paths]:
+    if match := re.match(r"Multiple values for (\S+)\. To override", str(error)):
+        return f"{match[1]} is chosen already; choose another one with {match[1]}=NAME, without +"
+    if match := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a subfolder of its group
+        group, name = match.groups()
+        files = (path.relative_to(CONF).with_suffix("") for path in (CONF / group).glob(f"*/{name}.yaml"))
+        if meant := [f"{group}={path.relative_to(group).as_posix()}" for path in files]:
             return f"there is no {group}={name}; did you mean {' or '.join(sorted(meant))}?"
     if not isinstance(error, OmegaConfBaseException):
         return str(error)
-    said = _first_line(error)  # further lines hold the location
-    ours = re.match(r"ArgumentError raised while resolving interpolation: (.+)", said)
-    return ours[1] if ours else f"{error.full_key}: {said}" if error.full_key else said
+    message = _first_line(error)  # further lines hold the location
+    own = re.match(r"ArgumentError raised while resolving interpolation: (.+)", message)
+    return own[1] if own else f"{error.full_key}: {message}" if error.full_key else message
 
 
-def _unexpected(error: Exception, folder: Path) -> StageError:
+def _unexpected_error(error: Exception, folder: Path) -> StageError:
     """One line for an unexpected error, whose traceback is written to a file."""
-    if isinstance(error, MemoryError) or any(each in str(error) for each in OUT_OF_MEMORY):
+    if isinstance(error, MemoryError) or any(part in str(error) for part in OUT_OF_MEMORY):
         return StageError(
             f"memory ran out ({_first_line(error)}); fewer workers, smaller pictures or a smaller "
             "batch_size need less; the same command goes on from here"
         )
     if disk_full(error):
         return StageError(
-            f"no room left on the disk ({_first_line(error)}); make some, what was finished is whole; the "
+            f"disk full ({_first_line(error)}); free some space, finished work is intact; the "
             "same command goes on from here"
         )
     path = folder / "error.log"
@@ -221,7 +221,7 @@ def _unexpected(error: Exception, folder: Path) -> StageError:
         path.write_text(shown("".join(traceback.format_exception(error))), "utf-8")
         where = f"the traceback is in {path}"
     except OSError:
-        where = f"{FULL}=1 shows the traceback"
+        where = f"{FULL_ERROR}=1 shows the traceback"
     return StageError(f"unexpected {type(error).__name__}: {_first_line(error)}; {where}")
 
 
@@ -230,17 +230,17 @@ def _first_line(error: Exception) -> str:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _signals_end_command() -> Iterator[None]:
     """Context in which SIGTERM and SIGHUP end the command as Ctrl-C does, a second signal at once."""
 
-    def tell(number: int, _: object) -> None:
+    def on_signal(number: int, _: object) -> None:
         signal.signal(number, signal.SIG_DFL)
-        raise _Told(signal.Signals(number))
+        raise _SignalReceived(signal.Signals(number))
 
-    both = signal.SIGTERM, signal.SIGHUP
-    numbers = [number for number in both if signal.getsignal(number) is signal.SIG_DFL]  # not below nohup
+    ending = signal.SIGTERM, signal.SIGHUP
+    numbers = [number for number in ending if signal.getsignal(number) is signal.SIG_DFL]  # not below nohup
     for number in numbers:
-        signal.signal(number, tell)
+        signal.signal(number, on_signal)
     try:
         yield
     finally:

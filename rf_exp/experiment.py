@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rf_exp.artifacts import read_values
 from rf_exp.datagen.brain import BrainSpec, FaultySpec, OpenAISpec, read_brain
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.keys import checked_folder
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
-from rf_exp.tasks import Borrowed, Task, Variation, load_task
+from rf_exp.tasks import ReleaseParts, Task, Variation, load_task
 from rf_exp.types import FOREIGN, UNVARIED, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
 if TYPE_CHECKING:
     from rf_exp.datagen import Settings
 
 STAGES = ("generate", "train", "evaluate", "report")
-_FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
+_FILE_NAME_PATTERN = re.compile(r"[\w+=-][\w.+=-]{0,99}")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
 CORRECTION_SEED = 900_000  # first scene seed of the rollouts that the expert corrects
 CORRECTION_SEEDS = 10_000  # seeds per round of correction
@@ -82,13 +82,13 @@ class Experiment:
     def __post_init__(self) -> None:
         for key in ("name", "recipe", "learned_as"):
             check_file_name(key, getattr(self, key))
-        for kind, those in (
+        for kind, members in (
             ("task", self.tasks),
             ("constraints", self.constraint_sets),
             ("arch", self.archs),
         ):
-            for each in those:
-                check_file_name(kind, each.name)
+            for member in members:
+                check_file_name(kind, member.name)
         if not self.stages:
             raise ArgumentError(f"stages is empty; available: {', '.join(STAGES)}")
         if unknown := [stage for stage in self.stages if stage not in STAGES]:
@@ -99,7 +99,7 @@ class Experiment:
         for key, low in lowest.items():
             if not low <= getattr(self, key) < math.inf:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
-        unseen = [task.variation.name for task in self.tasks if not task.variation.seen]
+        unseen = [task.variation.name for task in self.tasks if not task.variation.varies_visually]
         if self.appearances > 1 and unseen:
             raise ArgumentError(
                 f"appearances is {self.appearances}, and variation {unseen[0]!r} shows nothing in pictures; "
@@ -123,8 +123,8 @@ class Experiment:
             self._check_blind()
 
     def _check_blind(self) -> None:
-        looks = self.policy.encoder.pictures and self.foreign is None
-        if looks and {"train", "evaluate"} & set(self.stages):
+        needs_pictures = self.policy.encoder.pictures and self.foreign is None
+        if needs_pictures and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(
                 "render=false makes no pictures to learn from; use it with stages=[generate], "
                 "or with policy.encoder.name=privileged"
@@ -144,7 +144,7 @@ class Experiment:
                 f"foreign.name is {foreign.name!r}: a policy of others is evaluated, and neither trained nor "
                 "corrected; use stages=[evaluate,report] dagger.rounds=0"
             )
-        if foreign.observations.draws and not self.pictures.render and "evaluate" in self.stages:
+        if foreign.observations.needs_rendering and not self.pictures.render and "evaluate" in self.stages:
             raise ArgumentError(
                 "render=false makes no pictures for a policy of others to see; use render=true, or "
                 "foreign.observations.pictures=false"
@@ -163,32 +163,32 @@ class Experiment:
     @property
     def method(self) -> str:
         """The training method, as in names and rows: recipe, variation, rounds of correction."""
-        return self.recipe + self._varied + self._rounds
+        return self.recipe + self._training_suffix + self._dagger_suffix
 
     @property
     def policies(self) -> str:
         """The name of the policies: method (`learned_as`), number of demonstrations, training seed."""
-        return f"{self.learned_as}{self._varied}{self._rounds}-{self.demos}-{self.train_seed}"
+        return f"{self.learned_as}{self._training_suffix}{self._dagger_suffix}-{self.demos}-{self.train_seed}"
 
     @property
     def data(self) -> str:
         """The name of the demonstrations."""
-        return self.name + self._variation
+        return self.name + self._variation_suffix
 
     @property
-    def _varied(self) -> str:
-        return self._variation + (f"x{self.appearances}" if self.appearances > 1 else "")
+    def _training_suffix(self) -> str:
+        return self._variation_suffix + (f"x{self.appearances}" if self.appearances > 1 else "")
 
     @property
-    def _variation(self) -> str:
+    def _variation_suffix(self) -> str:
         names = {task.variation.name for task in self.tasks if self.foreign is None} - {UNVARIED}
         return "".join(f"+{name}" for name in sorted(names))
 
     @property
-    def _rounds(self) -> str:
+    def _dagger_suffix(self) -> str:
         return f"+dagger{self.dagger.rounds}" if self.dagger.rounds else ""
 
-    def after(self, rounds: int) -> "Experiment":
+    def after_rounds(self, rounds: int) -> "Experiment":
         """The same experiment after `rounds` rounds of correction."""
         return replace(self, dagger=replace(self.dagger, rounds=rounds))
 
@@ -218,57 +218,60 @@ class Experiment:
         """The settings of the episodes of a task under a row of constraints."""
         from rf_exp.datagen import Settings
 
-        how = self.limits, self.attempts, self.occupancy, self.disturbance_rad, self.delay_s
-        return Settings(task, constraint_set, self.brain, *how)
+        options = self.limits, self.attempts, self.occupancy, self.disturbance_rad, self.delay_s
+        return Settings(task, constraint_set, self.brain, *options)
 
 
 def check_file_name(key: str, value: str) -> None:
     """Raises ArgumentError unless `value` can name one file or folder; a path could lead out of `out`."""
-    if not _FILE_NAME.fullmatch(value):
+    if not _FILE_NAME_PATTERN.fullmatch(value):
         raise ArgumentError(
             f"{key} is {value!r}; expected a name for a file: letters, digits, '_', '-', '+', '=' and '.', "
             "not first a '.', at most 100 of them"
         )
 
 
-def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Experiment:
+def read_experiment(node: Mapping[str, Any], overrides: Collection[str] = ()) -> Experiment:
     """The experiment of a resolved configuration. Raises ArgumentError that names the key.
 
-    `given` are the user's overrides `key=value`.
+    `overrides` are the user's overrides `key=value`.
     """
-    for group, all_of_it in (("task", True), ("constraints", True), ("arch", True), ("brain", False)):
+    for group, allows_all in (("task", True), ("constraints", True), ("arch", True), ("brain", False)):
         if not node.get(group):
-            possible = f"{group}=NAME or {group}=all" if all_of_it else f"{group}=NAME"
+            possible = f"{group}=NAME or {group}=all" if allows_all else f"{group}=NAME"
             raise ArgumentError(f"no {group} chosen; use {possible}")
     if node["occupancy"] not in get_args(Occupancy):
-        raise choices("occupancy", node["occupancy"], get_args(Occupancy))
+        raise unknown_choice("occupancy", node["occupancy"], get_args(Occupancy))
     picture = node["picture"]
     foreign = foreign_policy(node["foreign"], picture)
     try:
-        taken = {**picture, "render": node["render"], "cameras": node["cameras"]}
-        made: dict[str, Any] = {  # fields made of several keys, or of keys with another name
+        camera_options = {**picture, "render": node["render"], "cameras": node["cameras"]}
+        derived: dict[str, Any] = {  # fields made of several keys, or of keys with another name
             "tasks": (),
             "constraint_sets": tuple(ConstraintSet(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
             "out": Path(checked_folder(node["out"])),
-            "pictures": read_values(Pictures, taken, "picture."),
+            "pictures": read_values(Pictures, camera_options, "picture."),
             "policy": read_recipe(node["policy"], picture),  # policies see the cameras' pictures
             "foreign": foreign,
             "evaluated": read_values(Variation, node["evaluated"], "evaluated.").held_out,
         }
         if foreign is not None:  # its rows name it in place of our recipe and architecture
-            made |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
-        plain = {each.name: node[each.name] for each in fields(Experiment) if each.name not in made}
-        experiment = read_values(Experiment, plain | made)
-        if any(override.startswith("demos=") for override in given):
+            derived |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
+        plain = {item.name: node[item.name] for item in fields(Experiment) if item.name not in derived}
+        experiment = read_values(Experiment, plain | derived)
+        if any(override.startswith("demos=") for override in overrides):
             _refuse_demos_without_effect(experiment)
-        borrowed = Borrowed(**{each.name: node[each.name] for each in fields(Borrowed)})
-        drawn, variation = node["randomisation"], read_values(Variation, node["variation"], "variation.")
-        of_all, tasks = (node["arms"], node["things"], node["robot"], borrowed), []
+        borrowed = ReleaseParts(**{item.name: node[item.name] for item in fields(ReleaseParts)})
+        randomisation, variation = (
+            node["randomisation"],
+            read_values(Variation, node["variation"], "variation."),
+        )
+        shared_arguments, tasks = (node["arms"], node["things"], node["robot"], borrowed), []
         for name, task in node["task"].items():  # last: building their objects takes longer than the rest
-            own = {**task, "randomisation": drawn | task.get("randomisation", {})}
-            tasks.append(replace(load_task(name, own, *of_all), variation=variation))
+            task_node = {**task, "randomisation": randomisation | task.get("randomisation", {})}
+            tasks.append(replace(load_task(name, task_node, *shared_arguments), variation=variation))
         experiment = replace(experiment, tasks=tuple(tasks))
         if isinstance(experiment.brain, FaultySpec) and "generate" in experiment.stages:
             for task in experiment.tasks:
@@ -280,16 +283,16 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
 
 def _refuse_demos_without_effect(experiment: Experiment) -> None:
     """Raises ArgumentError where `episodes` is given and `demos` is not trained on, or exceeds it."""
-    both = f"episodes={experiment.episodes} demos={experiment.demos}"
+    given = f"episodes={experiment.episodes} demos={experiment.demos}"
     if experiment.episodes is None or "generate" not in experiment.stages:
         return
     if not {"train", "evaluate"} & set(experiment.stages):
         raise ArgumentError(
-            f"{both}: episodes already says how much is generated, and nothing is trained; give only one: "
+            f"{given}: episodes already says how much is generated, and nothing is trained; give only one: "
             "episodes=N for N consecutive seeds, episodes=null demos=N for N successes"
         )
     if experiment.demos > experiment.episodes:
         raise ArgumentError(
-            f"{both}: {experiment.episodes} seeds cannot give {experiment.demos} demonstrations; "
+            f"{given}: {experiment.episodes} seeds cannot give {experiment.demos} demonstrations; "
             "give demos no more than episodes, or episodes=null"
         )

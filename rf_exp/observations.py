@@ -15,8 +15,8 @@ from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError, StageError, choices
-from rf_exp.tasks import Task, labelled
+from rf_exp.errors import ArgumentError, StageError, unknown_choice
+from rf_exp.tasks import Task, label_images
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import Calibration, CameraChoice, CameraModel, Pictures, Scene, World, camera_names
 
@@ -43,7 +43,7 @@ class Declaration:
     language: str = ""  # the task, in a sentence or two
     coordinated: tuple[int, ...] = ()  # agents whose subgoals a coordinator gives
     calibrated: bool = False  # poses of the robot bases and of `cameras`
-    usual: Calibration | None = None  # nominal calibration, given where the true one is unknown
+    nominal_calibration: Calibration | None = None  # given where the true one is unknown
 
 
 @dataclass(frozen=True)
@@ -85,28 +85,28 @@ class Observations:
 
     def __post_init__(self) -> None:
         if self.state not in get_args(State):
-            raise choices("state", self.state, get_args(State))
-        Pictures(self.width, self.height, self.draws, self.cameras)  # checks its arguments
-        if self.state == "none" and not (self.draws or self.calibration or self.language):
+            raise unknown_choice("state", self.state, get_args(State))
+        Pictures(self.width, self.height, self.needs_rendering, self.cameras)  # checks its arguments
+        if self.state == "none" and not (self.needs_rendering or self.calibration or self.language):
             raise ArgumentError(
                 "nothing is observed; expected state, pictures, depth, segmentation, calibration or language"
             )
-        if self.calibration and not self.draws:
+        if self.calibration and not self.needs_rendering:
             raise ArgumentError(
                 "calibration is observed, and no camera is; expected pictures, depth or segmentation"
             )
 
     @property
-    def draws(self) -> bool:
+    def needs_rendering(self) -> bool:
         """Whether cameras have to render."""
         return self.pictures or self.depth or self.segmentation
 
-    def declared(self, task: Task) -> Declaration:
+    def declaration_for(self, task: Task) -> Declaration:
         """The declaration for the agents, objects and cameras of a task.
 
         Raises ArgumentError where the calibration is unknown and a camera has no nominal pose.
         """
-        cameras = tuple(camera_names(self.cameras, len(task.agents))) if self.draws else ()
+        cameras = tuple(camera_names(self.cameras, len(task.agents))) if self.needs_rendering else ()
         unknown = self.calibration and task.variation.calibration == "unknown"
         return Declaration(
             agents=task.agents if self.state != "none" else (),
@@ -116,27 +116,27 @@ class Observations:
             **{kind: getattr(self, kind) for kind in IMAGES},
             language=task.description if self.language else "",
             calibrated=self.calibration,
-            usual=task.calibration(cameras, (self.width, self.height)) if unknown else None,
+            nominal_calibration=task.calibration(cameras, (self.width, self.height)) if unknown else None,
         )
 
-    def keyed(self, observation: Observation) -> ObservationDict:
+    def as_dict(self, observation: Observation) -> ObservationDict:
         """The observation as a dictionary with the keys of the store; all arrays are copies."""
-        shown = ObservationDict()
+        result = ObservationDict()
         if self.state != "none":
-            shown["qpos"] = np.stack([*observation.qpos.values()]).astype(np.float32)
-            shown["qvel"] = np.stack([*observation.qvel.values()]).astype(np.float32)
+            result["qpos"] = np.stack([*observation.qpos.values()]).astype(np.float32)
+            result["qvel"] = np.stack([*observation.qvel.values()]).astype(np.float32)
         for name, pose in observation.poses.items():
-            shown[f"pose_{name}"] = np.array(position_and_quaternion(pose), np.float32)
+            result[f"pose_{name}"] = np.array(position_and_quaternion(pose), np.float32)
         for key, kind in zip(("rgb", "depth", "segmentation"), IMAGES, strict=True):
-            shown |= {f"{key}_{name}": image.copy() for name, image in getattr(observation, kind).items()}
-        if (stands := observation.calibration) is not None:
-            shown["world_from_base"] = np.stack(stands.world_from_base).astype(np.float32)
-            for name, camera in stands.cameras.items():
-                shown[f"world_from_camera_{name}"] = camera.world_from_camera.astype(np.float32)
-                shown[f"intrinsics_{name}"] = camera.intrinsics.astype(np.float32)
+            result |= {f"{key}_{name}": image.copy() for name, image in getattr(observation, kind).items()}
+        if (calibration := observation.calibration) is not None:
+            result["world_from_base"] = np.stack(calibration.world_from_base).astype(np.float32)
+            for name, camera in calibration.cameras.items():
+                result[f"world_from_camera_{name}"] = camera.world_from_camera.astype(np.float32)
+                result[f"intrinsics_{name}"] = camera.intrinsics.astype(np.float32)
         if self.language:
-            shown["language"] = observation.language
-        return shown
+            result["language"] = observation.language
+        return result
 
 
 @runtime_checkable
@@ -158,66 +158,70 @@ class MeasuredWorld(World, Protocol):
 
 
 def observe(
-    scene: Scene, world: World, declared: Sequence[Declaration], coordination: Coordination | None = None
+    scene: Scene, world: World, declarations: Sequence[Declaration], coordination: Coordination | None = None
 ) -> list[Observation]:
     """The observations of several controllers at the current step. Cameras render only what is declared.
 
     Raises StageError where depth or segmentation is declared and the world cannot give it.
     """
-    images = {kind: _images(kind, world, declared) for kind in IMAGES}
-    return [_handed(scene, world, images, each, coordination) for each in declared]
+    images = {kind: _images(kind, world, declarations) for kind in IMAGES}
+    return [_observation(scene, world, images, declaration, coordination) for declaration in declarations]
 
 
-def _calibration(world: World, declared: Declaration) -> Calibration | None:
+def _calibration(world: World, declaration: Declaration) -> Calibration | None:
     """Calibration of the arms and the declared cameras of a world; the nominal one if it is unknown."""
-    if not declared.calibrated or not isinstance(world, MeasuredWorld):
+    if not declaration.calibrated or not isinstance(world, MeasuredWorld):
         return None
     if world.task.variation.calibration == "unknown":
-        return declared.usual
+        return declaration.nominal_calibration
     cameras = world.camera_models()
     bases = _copies(dict(enumerate(robot.world_from_base for robot in world.task.robots)))
-    eyes = _copies({name: cameras[name].world_from_camera for name in declared.cameras})
-    seen = {name: replace(cameras[name], world_from_camera=pose) for name, pose in eyes.items()}
-    return Calibration(tuple(bases.values()), seen)
+    camera_poses = _copies({name: cameras[name].world_from_camera for name in declaration.cameras})
+    camera_models = {
+        name: replace(cameras[name], world_from_camera=pose) for name, pose in camera_poses.items()
+    }
+    return Calibration(tuple(bases.values()), camera_models)
 
 
-def _images(kind: str, world: World, declared: Sequence[Declaration]) -> Mapping[str, NDArray]:
+def _images(kind: str, world: World, declarations: Sequence[Declaration]) -> Mapping[str, NDArray]:
     """Camera -> image of a kind, for the cameras of which a controller declares that kind."""
-    wanted = sorted({camera for each in declared if getattr(each, kind) for camera in each.cameras})
-    if not wanted:
+    names = sorted({camera for each in declarations if getattr(each, kind) for camera in each.cameras})
+    if not names:
         return {}
     if kind == "pictures":
-        return world.images(wanted)
+        return world.images(names)
     if not isinstance(world, MeasuredWorld):
         raise StageError(f"a policy needs {kind}; the world has pictures alone")
     if kind == "depth":
-        return world.depth(wanted)
-    return labelled(world.task, world.segmentation(wanted), world.bodies())
+        return world.depth(names)
+    return label_images(world.task, world.segmentation(names), world.bodies())
 
 
-def _handed(
+def _observation(
     scene: Scene,
     world: World,
     images: Mapping[str, Mapping[str, NDArray]],
-    declared: Declaration,
+    declaration: Declaration,
     coordination: Coordination | None,
 ) -> Observation:
-    agents, subgoals, pictures = declared.agents, None, {}
-    if coordination is not None and declared.coordinated:
-        numbers, may_go = coordination
-        told = {k: (int(numbers[k - 1]), bool(may_go[k - 1])) for k in declared.coordinated}
-        subgoals = MappingProxyType(told)
-    for kind, taken in images.items():
-        pictures[kind] = _views({each: taken[each] for each in declared.cameras if getattr(declared, kind)})
+    agents, subgoals, pictures = declaration.agents, None, {}
+    if coordination is not None and declaration.coordinated:
+        numbers, may_proceed = coordination
+        current = {k: (int(numbers[k - 1]), bool(may_proceed[k - 1])) for k in declaration.coordinated}
+        subgoals = MappingProxyType(current)
+    for kind, arrays in images.items():
+        pictures[kind] = _views(
+            {name: arrays[name] for name in declaration.cameras if getattr(declaration, kind)}
+        )
     return Observation(
         scene.step,
         _copies({agent: scene.qpos[agent - 1] for agent in agents}),
-        _copies({agent: scene.qvel[agent - 1] for agent in agents if declared.velocities}),
-        _copies({name: scene.poses[name] for name in declared.objects}),
+        _copies({agent: scene.qvel[agent - 1] for agent in agents if declaration.velocities}),
+        _copies({name: scene.poses[name] for name in declaration.objects}),
         **pictures,
-        language=declared.language,
+        language=declaration.language,
         subgoals=subgoals,
-        calibration=_calibration(world, declared),
+        calibration=_calibration(world, declaration),
     )
 
 
@@ -228,7 +232,7 @@ def _copies(arrays: Mapping[Key, NDArray]) -> Mapping[Key, NDArray]:
 
 def _views(arrays: Mapping[Key, NDArray]) -> Mapping[Key, NDArray]:
     """The same arrays, read-only."""
-    found = {key: array.view() for key, array in arrays.items()}
-    for array in found.values():
+    views = {key: array.view() for key, array in arrays.items()}
+    for array in views.values():
         array.flags.writeable = False
-    return MappingProxyType(found)
+    return MappingProxyType(views)

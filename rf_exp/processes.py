@@ -22,12 +22,12 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, NamedTuple
 
-from rf_exp.errors import WorkerDied, portable
+from rf_exp.errors import WorkerDied, picklable_error
 
-AHEAD = 4  # results per worker that may wait for an earlier one; bounds the memory
-LOOK_EVERY_S = 0.5
+MAX_AHEAD = 4  # results per worker that may wait for an earlier one; bounds the memory
+POLL_S = 0.5
 # Environment variables that change during a run and do not affect a job: log service, current test.
-PASSING = frozenset({"WANDB_SERVICE", "PYTEST_CURRENT_TEST"})
+VOLATILE_VARIABLES = frozenset({"WANDB_SERVICE", "PYTEST_CURRENT_TEST"})
 SHELL_SIGNAL = 128  # a shell reports death by signal n as exit code 128 + n
 
 # Spawned: a fork would inherit the renderer and the threads of this process.
@@ -65,49 +65,51 @@ def in_order(
     if workers == 1 and limit_s is None and meanwhile is None:
         yield from (job() for job in jobs)
         return
-    team = _Team(workers, limit_s)
-    waiting, given, due = iter(jobs), 0, 0
+    pool = _Pool(workers, limit_s)
+    pending, next_job, next_result = iter(jobs), 0, 0
     try:
         while True:
-            while given - due < AHEAD * workers and team.has_room:
-                if (job := next(waiting, None)) is None:
+            while next_job - next_result < MAX_AHEAD * workers and pool.has_capacity:
+                if (job := next(pending, None)) is None:
                     break
-                team.give(given, job)
-                given += 1
-            if due in team.finished:
-                yield team.finished.pop(due)
-                due += 1
+                pool.give(next_job, job)
+                next_job += 1
+            if next_result in pool.finished:
+                yield pool.finished.pop(next_result)
+                next_result += 1
                 continue
-            if due == given:
+            if next_result == next_job:
                 return
             if meanwhile is not None:
                 meanwhile()
-            team.hear(often=meanwhile is not None)
+            pool.receive(often=meanwhile is not None)
     finally:
-        team.end(grace_s)
+        pool.end(grace_s)
 
 
-class _Team:
+class _Pool:
     """At most `workers` children, and the results that they have finished."""
 
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self._limit_s = workers, limit_s
         self._answers: SimpleQueue[_Answer] = SimpleQueue()
         # What a child inherits at its start. It is reused only where that is the same, or results may differ.
-        lasting = sorted((name, value) for name, value in os.environ.items() if name not in PASSING)
-        self._born = workers > 1, os.getcwd(), tuple(sys.path), tuple(lasting)
-        fit = [child for child in _idle if child.born == self._born and child.process.is_alive()][:workers]
+        stable = sorted((name, value) for name, value in os.environ.items() if name not in VOLATILE_VARIABLES)
+        self._inherited = workers > 1, os.getcwd(), tuple(sys.path), tuple(stable)
+        reusable = [
+            child for child in _idle if child.inherited == self._inherited and child.process.is_alive()
+        ][:workers]
         for child in _idle:
-            if child not in fit:
+            if child not in reusable:
                 child.kill()
         _idle.clear()
-        self._children = fit
-        for child in fit:
+        self._children = reusable
+        for child in reusable:
             child.answers = self._answers
         self.finished: dict[int | None, Any] = {}  # number of a job -> its result
 
     @property
-    def has_room(self) -> bool:
+    def has_capacity(self) -> bool:
         """Whether a child is idle, or another one may be started."""
         return sum(child.busy for child in self._children) < self._workers
 
@@ -115,13 +117,13 @@ class _Team:
         """Gives a job to an idle child, or to a new one."""
         idle = next((child for child in self._children if not child.busy), None)
         if idle is None:
-            self._children.append(idle := _Child(self._answers, self._born))
+            self._children.append(idle := _Child(self._answers, self._inherited))
         idle.give(number, job, self._limit_s)
 
-    def hear(self, often: bool) -> None:
+    def receive(self, often: bool) -> None:
         """Waits for an answer; if none comes in time, kills the children past their deadline."""
-        left = min(child.deadline for child in self._children) - time.monotonic()
-        seconds = min(left, LOOK_EVERY_S if often else 3600.0)  # a queue takes no infinite timeout
+        remaining_s = min(child.deadline for child in self._children) - time.monotonic()
+        seconds = min(remaining_s, POLL_S if often else 3600.0)  # a queue takes no infinite timeout
         try:
             answer = self._answers.get(timeout=max(seconds, 0.0))
         except Empty:
@@ -135,7 +137,7 @@ class _Team:
         if answer.dead:
             self._children.remove(answer.child)
             if answer.child.busy:
-                raise WorkerDied(answer.child.ending())
+                raise WorkerDied(answer.child.exit_message())
         elif answer.error is not None:
             raise answer.error
         else:
@@ -147,9 +149,9 @@ class _Team:
         busy = [child.process for child in self._children if child.busy and grace_s > 0]
         for process in busy:
             process.terminate()
-        until, alive = time.monotonic() + grace_s, {process.sentinel for process in busy}
-        while alive and (left := until - time.monotonic()) > 0:
-            alive.difference_update(wait(alive, left))  # pyright: ignore[reportArgumentType]
+        deadline, unfinished = time.monotonic() + grace_s, {process.sentinel for process in busy}
+        while unfinished and (remaining_s := deadline - time.monotonic()) > 0:
+            unfinished.difference_update(wait(unfinished, remaining_s))  # pyright: ignore[reportArgumentType]
         for child in self._children:
             if child.busy or not child.process.is_alive():
                 child.kill()
@@ -181,15 +183,15 @@ class _Answer(NamedTuple):
 class _Child:
     """A worker process, seen from its parent; it runs one job at a time."""
 
-    def __init__(self, answers: "SimpleQueue[_Answer]", born: tuple[bool, *tuple[object, ...]]) -> None:
+    def __init__(self, answers: "SimpleQueue[_Answer]", inherited: tuple[bool, *tuple[object, ...]]) -> None:
         self.index: int | None = None  # of the current job
         self.deadline = float("inf")  # on the monotonic clock; infinity without a job or a limit
-        self.answers, self.born = answers, born
-        self._pipe, theirs = _CONTEXT.Pipe()
-        self.process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
-        with _birth(one_thread=born[0]):
+        self.answers, self.inherited = answers, inherited
+        self._pipe, child_end = _CONTEXT.Pipe()
+        self.process = _CONTEXT.Process(target=_serve, args=(child_end,), daemon=True)
+        with _spawn_environment(one_thread=inherited[0]):
             self.process.start()
-        theirs.close()
+        child_end.close()
         # Read in a thread: a child that is stopped in the middle of an answer must not block its parent.
         Thread(target=self._listen, daemon=True).start()
 
@@ -211,18 +213,18 @@ class _Child:
             return "gone"
         return status.split("State:")[1].split("(")[1].split(")")[0]
 
-    def ending(self) -> str:
+    def exit_message(self) -> str:
         """The message about a child that died during its job."""
         self.process.join(5.0)
         code = self.process.exitcode or 0
         number = -code if code < 0 else code - SHELL_SIGNAL
-        how = f"ended with exit code {code}"
+        cause = f"ended with exit code {code}"
         if number in set(signal.Signals):
-            how = f"was ended by {signal.Signals(number).name}"
+            cause = f"was ended by {signal.Signals(number).name}"
         if number == signal.SIGKILL:
-            how += " (by hand, or because memory ran out: fewer workers and smaller pictures need less)"
+            cause += " (by hand, or because memory ran out: fewer workers and smaller pictures need less)"
         return (
-            f"a worker, process {self.process.pid}, {how}; run the same command again, it goes on from here"
+            f"a worker, process {self.process.pid}, {cause}; run the same command again, it goes on from here"
         )
 
     def kill(self) -> None:
@@ -245,7 +247,7 @@ class _Child:
 
 
 @contextmanager
-def _birth(one_thread: bool) -> Iterator[None]:
+def _spawn_environment(one_thread: bool) -> Iterator[None]:
     """Context in which to start a child: with SIGINT blocked and, with `one_thread`, a single thread."""
     # By default every process starts a thread for each core.
     names = ("OMP_NUM_THREADS", "LP_NUM_THREADS") if one_thread else ()
@@ -254,14 +256,14 @@ def _birth(one_thread: bool) -> Iterator[None]:
         # In a process of loky: children would get its start method, which they do not know.
         multiprocessing.set_start_method("spawn", force=True)
     resource_tracker.ensure_running()  # else it starts with the first child and unblocks SIGINT
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.update(dict.fromkeys(missing, "1"))
     try:
         yield
     finally:
         for name in missing:
             del os.environ[name]
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
 def _serve(pipe: Connection) -> None:
@@ -277,5 +279,5 @@ def _serve(pipe: Connection) -> None:
         except KeyboardInterrupt:  # from a job that has saved its work after a SIGTERM
             os._exit(SHELL_SIGNAL + signal.SIGTERM)
         except Exception as error:
-            answer = pickle.dumps((None, portable(error)))
+            answer = pickle.dumps((None, picklable_error(error)))
         pipe.send_bytes(answer)

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from rf_exp.texts import shown
 
-LINE_EVERY_S = 20.0
+PRINT_INTERVAL_S = 20.0
 BAR_WIDTH = 12  # characters: a title, counts, time and a note fit beside it into 80
 
 
@@ -28,9 +28,9 @@ class Screen(Console):
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, soft_wrap=True, markup=False, emoji=False, **options)
 
-    def print(self, *told: Any, **how: Any) -> None:
+    def print(self, *objects: Any, **options: Any) -> None:
         """Prints as rich does; cuts the middle of a text that is too long before it is laid out."""
-        super().print(*(shown(each) if isinstance(each, str) else each for each in told), **how)
+        super().print(*(shown(item) if isinstance(item, str) else item for item in objects), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Renders as rich does, and makes the text printable."""
@@ -39,7 +39,7 @@ class Screen(Console):
 
 
 console = Screen()
-complaints = Screen(stderr=True)  # errors, kept apart from output that programs read
+error_console = Screen(stderr=True)  # errors, kept apart from output that programs read
 
 
 class Progress:
@@ -48,8 +48,8 @@ class Progress:
     def __init__(self, title: str, total: int, unit: str, done: int = 0) -> None:
         self._title, self._total, self._unit = title, total, unit
         self._done = self._at_start = done
-        self._began = self._said = time.perf_counter()
-        self._note, self._told = "", -1  # current note; count on the last printed line
+        self._start_s = self._last_print_s = time.perf_counter()
+        self._note, self._last_printed = "", -1  # current note; count on the last printed line
         self._bar = _bar(title, total, done) if sys.stdout.isatty() else None
 
     def __enter__(self) -> Self:
@@ -61,7 +61,7 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
         if kind is None:
-            self._say()
+            self._print_line()
 
     def advance(self, steps: int = 1, note: str = "", total: int | None = None) -> None:
         """Adds finished work; `note` and `total`, where given, replace the last ones."""
@@ -72,23 +72,23 @@ class Progress:
             rate = f"{self._rate():.3g} {self._unit}/s"
             text = f"{self._note}, {rate}" if self._note else rate
             self._bar.update(self._bar.task_ids[0], completed=self._done, total=self._total, note=text)
-        elif time.perf_counter() - self._said > LINE_EVERY_S:
-            self._say()
+        elif time.perf_counter() - self._last_print_s > PRINT_INTERVAL_S:
+            self._print_line()
 
     def _rate(self) -> float:
-        return (self._done - self._at_start) / max(time.perf_counter() - self._began, 1e-9)
+        return (self._done - self._at_start) / max(time.perf_counter() - self._start_s, 1e-9)
 
-    def _say(self) -> None:
-        if self._done in (self._told, self._at_start):
+    def _print_line(self) -> None:
+        if self._done in (self._last_printed, self._at_start):
             return
-        self._said, self._told = time.perf_counter(), self._done
+        self._last_print_s, self._last_printed = time.perf_counter(), self._done
         note = f", {self._note}" if self._note else ""
         if self._bar is None or self._done >= self._total:
             done = f"{self._done}/{self._total} {self._unit}"
             console.print(f"{self._title}: {done} at {self._rate():.3g}/s{note}")
 
 
-class _Shortened(TextColumn):
+class _EllipsisColumn(TextColumn):
     """Text on one line, whose end is cut where it would push the counts off the screen."""
 
     def render(self, task: Task) -> Text:
@@ -99,11 +99,11 @@ class _Shortened(TextColumn):
 
 def _bar(title: str, total: int, done: int) -> Bar:
     columns = (  # rich narrows no_wrap columns only after the others
-        _Shortened("{task.description}", markup=False, table_column=Column()),
+        _EllipsisColumn("{task.description}", markup=False, table_column=Column()),
         BarColumn(BAR_WIDTH, table_column=Column(no_wrap=True)),
         MofNCompleteColumn(table_column=Column(no_wrap=True)),
         TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
-        _Shortened("{task.fields[note]}", markup=False, table_column=Column()),
+        _EllipsisColumn("{task.fields[note]}", markup=False, table_column=Column()),
     )
     bar = Bar(*columns, console=console)
     bar.add_task(title, total=total, completed=done, note="")

@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from rf_exp.artifacts import leaves, plain, restored, whole
+from rf_exp.artifacts import atomic_path, leaves, plain, restored
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, TrainConfig
 
@@ -29,13 +29,13 @@ CHOICE, EXPERIMENT = "experiment", Path("experiment/released.yaml")
 NAME = EXPERIMENT.stem
 GROUPS = ("task", "constraints", "arch")
 STAGES = ("evaluate", "report")
-LARGEST = 2**16  # bytes of the experiment's file
-PACKED, MOST_UNPACKED = ".zip", 2**26  # suffix of a release's file; most bytes in it, unpacked
+MAX_EXPERIMENT_BYTES = 2**16  # bytes of the experiment's file
+SUFFIX, MAX_UNPACKED_BYTES = ".zip", 2**26  # suffix of a release's file; most bytes in it, unpacked
 _WORD = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # of a task, constraint set, architecture, recipe
 
 
 @dataclass(frozen=True)
-class Picture:
+class PictureSize:
     """The size of the policies' pictures, px."""
 
     width: int
@@ -43,7 +43,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Released:
+class ReleaseConfig:
     """The only keys that the experiment of a release may set. Raises ArgumentError for invalid values."""
 
     defaults: tuple[Mapping[str, str], ...]
@@ -53,15 +53,15 @@ class Released:
     train_seed: int
     disturbance_rad: float
     delay_s: float
-    picture: Picture
+    picture: PictureSize
     policy: Mapping[str, Any]
     training: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         expected = [f"override /{group}" for group in GROUPS]
-        found = [key for each in self.defaults for key in each]
-        if found != expected:
-            raise ArgumentError(f"defaults are {found}; expected {expected}")
+        keys = [key for each in self.defaults for key in each]
+        if keys != expected:
+            raise ArgumentError(f"defaults are {keys}; expected {expected}")
         for key, value in {**self._chosen, "recipe": self.recipe}.items():
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ArgumentError(
@@ -69,8 +69,8 @@ class Released:
                 )
         if not self.stages or not set(STAGES).issuperset(self.stages):
             raise ArgumentError(f"stages are {list(self.stages)}; possible are {', '.join(STAGES)}")
-        most = {"demos": 10**6, "train_seed": 2**32 - 1, "disturbance_rad": 1.0, "delay_s": 60.0}
-        for key, high in most.items():
+        limits = {"demos": 10**6, "train_seed": 2**32 - 1, "disturbance_rad": 1.0, "delay_s": 60.0}
+        for key, high in limits.items():
             value, low = getattr(self, key), int(key == "demos")
             if isinstance(value, bool) or not low <= value <= high:
                 raise ArgumentError(f"{key} is {value}; expected {low} to {high:g}")
@@ -78,23 +78,25 @@ class Released:
     @property
     def overrides(self) -> list[str]:
         """The experiment as command-line overrides, without how a training runs, which changes nothing."""
-        policy = PolicyConfig.read(self.policy, asdict(self.picture)).whole
+        policy = PolicyConfig.read(self.policy, asdict(self.picture)).complete
         training = TrainConfig.read(self.training)
-        said = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s"
-        named = {key: getattr(self, key) for key in said}
-        named |= {f"picture.{side}": policy.pop(side) for side in ("width", "height")}
-        named |= leaves(policy, "policy")
-        named |= {f"training.{key}": value for key, value in training.identity.items() if key != "seed"}
+        options = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s"
+        values = {key: getattr(self, key) for key in options}
+        values |= {f"picture.{side}": policy.pop(side) for side in ("width", "height")}
+        values |= leaves(policy, "policy")
+        values |= {f"training.{key}": value for key, value in training.identity.items() if key != "seed"}
         chosen = [f"{group}={value}" for group, value in self._chosen.items()]
         # JSON values are valid in Hydra's grammar.
-        return chosen + [f"{k}={json.dumps(v, ensure_ascii=False)}" for k, v in plain(named).items()]
+        return chosen + [f"{k}={json.dumps(v, ensure_ascii=False)}" for k, v in plain(values).items()]
 
     @property
     def _chosen(self) -> dict[str, str]:
-        return dict(zip(GROUPS, (each for one in self.defaults for each in one.values()), strict=True))
+        return dict(
+            zip(GROUPS, (value for default in self.defaults for value in default.values()), strict=True)
+        )
 
 
-def unpacked(arguments: Sequence[str]) -> list[str]:
+def expand_release(arguments: Sequence[str]) -> list[str]:
     """The arguments of a command, a release replaced by the overrides of its experiment.
 
     Raises ArgumentError for a release that sets anything else, and where its folder is not named.
@@ -104,27 +106,29 @@ def unpacked(arguments: Sequence[str]) -> list[str]:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     parser.add_argument("--config-dir", "-cd", type=Path)
     try:
-        given, rest = parser.parse_known_args(list(arguments))
+        parsed, others = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError as error:
         raise ArgumentError(f"{error}; a release is named by --config-dir FOLDER {CHOICE}={NAME}") from error
-    if given.config_dir is None or f"{CHOICE}={NAME}" not in rest:
+    if parsed.config_dir is None or f"{CHOICE}={NAME}" not in others:
         raise ArgumentError(
             f"{CHOICE}={NAME} is a release, which is read from a folder, alone: "
             f"--config-dir FOLDER {CHOICE}={NAME}"
         )
-    rest.remove(f"{CHOICE}={NAME}")
-    own = {each.partition("=")[0].lstrip("+~") for each in rest}
-    folder = given.config_dir
-    if folder.suffix == PACKED and folder.is_file():
-        folder = unzipped(folder)
-        rest += [] if "out" in own else [f"out={folder}"]
-    said = read_release(folder).overrides
-    kept = [each for each in said if each.partition("=")[0] not in own]
-    first = next((k for k, each in enumerate(rest) if "=" in each and not each.startswith("-")), len(rest))
-    return [*rest[:first], *kept, *rest[first:]]
+    others.remove(f"{CHOICE}={NAME}")
+    user_keys = {each.partition("=")[0].lstrip("+~") for each in others}
+    folder = parsed.config_dir
+    if folder.suffix == SUFFIX and folder.is_file():
+        folder = unzip(folder)
+        others += [] if "out" in user_keys else [f"out={folder}"]
+    overrides = read_release(folder).overrides
+    kept = [each for each in overrides if each.partition("=")[0] not in user_keys]
+    position = next(
+        (k for k, each in enumerate(others) if "=" in each and not each.startswith("-")), len(others)
+    )
+    return [*others[:position], *kept, *others[position:]]
 
 
-def unzipped(path: Path) -> Path:
+def unzip(path: Path) -> Path:
     """The folder beside a release's file with its content; unpacks the file unless the folder exists.
 
     Raises ArgumentError for a file that is no ZIP archive or holds more than a release may.
@@ -133,16 +137,16 @@ def unzipped(path: Path) -> Path:
     if folder.exists():
         return folder
     try:
-        with zipfile.ZipFile(path) as packed, whole(folder) as draft:
-            if (size := sum(each.file_size for each in packed.infolist())) > MOST_UNPACKED:
-                raise ArgumentError(f"{path} holds {size} bytes; a release has at most {MOST_UNPACKED}")
-            packed.extractall(draft)  # never outside of it, whatever names say, and no links
+        with zipfile.ZipFile(path) as archive, atomic_path(folder) as draft:
+            if (size := sum(each.file_size for each in archive.infolist())) > MAX_UNPACKED_BYTES:
+                raise ArgumentError(f"{path} holds {size} bytes; a release has at most {MAX_UNPACKED_BYTES}")
+            archive.extractall(draft)  # never outside of it, whatever names say, and no links
     except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise ArgumentError(f"{path} cannot be unpacked: {error}") from error
     return folder
 
 
-def read_release(folder: Path) -> Released:
+def read_release(folder: Path) -> ReleaseConfig:
     """The experiment of a release, checked. Raises ArgumentError for any other content."""
     path = folder / EXPERIMENT
     for part in (folder / "policies", folder / "results", folder / EXPERIMENT.parent):
@@ -150,18 +154,18 @@ def read_release(folder: Path) -> Released:
             if each.is_symlink() and not each.resolve().is_relative_to(folder.resolve()):
                 raise ArgumentError(f"{each} is a link out of the release; it holds files of its own")
     try:
-        content = path.read_bytes()[: LARGEST + 1]
-        if len(content) > LARGEST:
-            raise ValueError(f"it has more than {LARGEST} bytes")
-        said = yaml.load(content.decode("utf-8"), _Values)
-        if not isinstance(said, dict):
-            raise ValueError(f"it holds a {type(said).__name__}, not keys")
-        known = [each.name for each in fields(Released)]
-        if other := [key for key in said if key not in known]:
-            raise ValueError(f"it sets {other[0]!r}; a release says {', '.join(known)}, and nothing else")
-        found = restored(Released, said)
-        _ = found.overrides  # raises for values that no policy can have
-        return found
+        content = path.read_bytes()[: MAX_EXPERIMENT_BYTES + 1]
+        if len(content) > MAX_EXPERIMENT_BYTES:
+            raise ValueError(f"it has more than {MAX_EXPERIMENT_BYTES} bytes")
+        config = yaml.load(content.decode("utf-8"), _Values)
+        if not isinstance(config, dict):
+            raise ValueError(f"it holds a {type(config).__name__}, not keys")
+        known = [each.name for each in fields(ReleaseConfig)]
+        if unknown := [key for key in config if key not in known]:
+            raise ValueError(f"it sets {unknown[0]!r}; a release says {', '.join(known)}, and nothing else")
+        release = restored(ReleaseConfig, config)
+        _ = release.overrides  # raises for values that no policy can have
+        return release
     except (OSError, ValueError, RecursionError, yaml.YAMLError, ArgumentError) as error:
         raise ArgumentError(f"{path} is no experiment of a release: {error}") from error
 

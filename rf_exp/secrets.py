@@ -6,15 +6,17 @@ from urllib.parse import urlsplit
 
 from rf_exp.errors import ArgumentError
 
-SHORTEST = 8  # characters; shorter values ("none", "EMPTY") are no secrets, but masking them garbles texts
-SECRET = ("api_key", "key", "token", "password")  # names under which users might write a secret
+MIN_SECRET_LENGTH = (
+    8  # characters; shorter values ("none", "EMPTY") are no secrets, but masking them garbles texts
+)
+SECRET_NAMES = ("api_key", "key", "token", "password")  # names under which users might write a secret
 _KEY = re.compile(r"([\w-]+)['\"]?\s*:")  # a key of a mapping on the command line
 _ENVIRONMENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,63}")
 
 
-def without(text: str, key: str) -> str:
+def mask_key(text: str, key: str) -> str:
     """The text with the key masked; servers repeat it in their errors."""
-    return text.replace(key, "[key]") if len(key) >= SHORTEST else text
+    return text.replace(key, "[key]") if len(key) >= MIN_SECRET_LENGTH else text
 
 
 def check_environment_name(name: str) -> None:
@@ -28,12 +30,12 @@ def check_environment_name(name: str) -> None:
 
 def check_address(url: str) -> str:
     """The http(s) address. Raises ArgumentError for another kind, or one that holds secrets."""
-    more = (
+    forbidden = (
         "a user, a password or a query; addresses are recorded, so put the key into the environment variable "
         "that brain.api_key_env names"
     )
     example = "an example: http://localhost:8000/v1"
-    return _checked(url, ("http", "https"), "the address of the model's server", more, example)
+    return _checked_url(url, ("http", "https"), "the address of the model's server", forbidden, example)
 
 
 def check_policy_server(url: str) -> str:
@@ -41,19 +43,19 @@ def check_policy_server(url: str) -> str:
     expected = (
         "expected ws://host:port or wss://host:port, without user, password and query, as it is recorded"
     )
-    return _checked(url, ("ws", "wss"), "foreign.server", f"more than an address; {expected}", expected)
+    return _checked_url(url, ("ws", "wss"), "foreign.server", f"more than an address; {expected}", expected)
 
 
-def _checked(url: str, schemes: Collection[str], what: str, more: str, expected: str) -> str:
+def _checked_url(url: str, schemes: Collection[str], label: str, forbidden: str, expected: str) -> str:
     try:
         parts = urlsplit(url)
         usable = parts.scheme in schemes and bool(parts.hostname) and (parts.port or 1) > 0
     except ValueError:
-        raise ArgumentError(f"{what} cannot be read; {expected}") from None
+        raise ArgumentError(f"{label} cannot be read; {expected}") from None
     if parts.username or parts.password or parts.query or parts.fragment:
-        raise ArgumentError(f"{what} holds {more}")
+        raise ArgumentError(f"{label} holds {forbidden}")
     if not usable:
-        raise ArgumentError(f"{what} is {url!r}; {expected}")
+        raise ArgumentError(f"{label} is {url!r}; {expected}")
     return url
 
 
@@ -61,20 +63,20 @@ def refuse_keys(arguments: Sequence[str]) -> None:
     """Raises ArgumentError for arguments with a key, before Hydra writes them below `outputs/runs/`."""
     for argument in arguments:
         name, _, value = argument.lstrip("+~").partition("=")
-        last = name.rsplit(".", 1)[-1].rsplit("/", 1)[-1].lower()
+        last_part = name.rsplit(".", 1)[-1].rsplit("/", 1)[-1].lower()
         value = value.strip("'\"")
-        inline = [each.lower() for each in _KEY.findall(value)] if "extra_body" in name else []
-        for secret in (each for each in (last, *inline) if each in SECRET):
-            raise no_key_here(secret)
-        if last == "api_key_env":
+        nested = [each.lower() for each in _KEY.findall(value)] if "extra_body" in name else []
+        for secret in (each for each in (last_part, *nested) if each in SECRET_NAMES):
+            raise key_in_config_error(secret)
+        if last_part == "api_key_env":
             check_environment_name(value)
-        if last == "base_url" and value not in ("", "null"):
+        if last_part == "base_url" and value not in ("", "null"):
             check_address(value)
         if name == "foreign.server" and value not in ("", "null"):
             check_policy_server(value)
 
 
-def no_key_here(name: str) -> ArgumentError:
+def key_in_config_error(name: str) -> ArgumentError:
     """The error for a key in the configuration, which is written to files."""
     return ArgumentError(
         f"brain.{name} is not taken: configurations are written below outputs/. Put the key into an "

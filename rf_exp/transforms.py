@@ -29,13 +29,13 @@ def planar(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> Matrix:
     return transform((x_m, y_m, z_m), Rotation.from_euler("z", yaw_rad))
 
 
-def rotated(turn_rad: ArrayLike) -> Matrix:
+def rotation_matrix(rotation_vector: ArrayLike) -> Matrix:
     """The rotation by a rotation vector (3,), in rad."""
-    return transform(rotation=Rotation.from_rotvec(turn_rad))
+    return transform(rotation=Rotation.from_rotvec(rotation_vector))
 
 
 @cache
-def equal_turns(count: int) -> tuple[Matrix, ...]:
+def equal_rotations(count: int) -> tuple[Matrix, ...]:
     """`count` rotations about the z axis, evenly spaced from 0 over a full turn."""
     angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
     return tuple(transform(rotation=Rotation.from_euler("z", angle)) for angle in angles)
@@ -65,22 +65,22 @@ def position_and_quaternion(matrix: Matrix) -> list[float]:
     trace = a + e + i
     largest = max(a, e, i, trace)  # the best conditioned of four ways
     if trace == largest:
-        turn = (1 + trace, h - f, c - g, d - b)
+        components = (1 + trace, h - f, c - g, d - b)
     elif a == largest:
-        turn = (h - f, 1 - trace + 2 * a, b + d, c + g)
+        components = (h - f, 1 - trace + 2 * a, b + d, c + g)
     elif e == largest:
-        turn = (c - g, b + d, 1 - trace + 2 * e, f + h)
+        components = (c - g, b + d, 1 - trace + 2 * e, f + h)
     else:
-        turn = (d - b, c + g, f + h, 1 - trace + 2 * i)
-    norm, (qw, qx, qy, qz) = hypot(*turn), turn
+        components = (d - b, c + g, f + h, 1 - trace + 2 * i)
+    norm, (qw, qx, qy, qz) = hypot(*components), components
     return [x, y, z, qw / norm, qx / norm, qy / norm, qz / norm]
 
 
 def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:
     """Poses (..., 4, 4) of positions in m with quaternions w, x, y, z (..., 7)."""
     matrices = np.zeros((*poses.shape[:-1], 4, 4))
-    turned = Rotation.from_quat(poses[..., 3:].reshape(-1, 4), scalar_first=True)
-    matrices[..., :3, :3] = turned.as_matrix().reshape(*poses.shape[:-1], 3, 3)
+    rotations = Rotation.from_quat(poses[..., 3:].reshape(-1, 4), scalar_first=True)
+    matrices[..., :3, :3] = rotations.as_matrix().reshape(*poses.shape[:-1], 3, 3)
     matrices[..., :3, 3] = poses[..., :3]
     matrices[..., 3, 3] = 1.0
     return matrices
@@ -99,12 +99,12 @@ def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def placed(poses: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def transform_by_poses(poses: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (K, 3), or (..., K, 3), in the frames of poses (..., 4, 4) to the outer frame: (..., K, 3)."""
     return points @ poses[..., :3, :3].swapaxes(-1, -2) + poses[..., None, :3, 3]
 
 
-def wrapped_rad(angles: ArrayLike) -> NDArray[np.float64]:
+def wrap_rad(angles: ArrayLike) -> NDArray[np.float64]:
     """Angles (...) wrapped to [-pi, pi)."""
     return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
 
@@ -119,11 +119,11 @@ def angle_between_rad(a: Direction, b: Direction) -> float:
 
 def interpolate(a: Matrix, b: Matrix, fraction: ArrayLike) -> NDArray[np.float64]:
     """Poses (..., 4, 4) at fractions (...) of the way from `a` to `b`: straight line, shortest rotation."""
-    share = np.asarray(fraction, dtype=float)
-    between = np.broadcast_to(a, (*share.shape, 4, 4)).copy()
-    between[..., :3, 3] += share[..., None] * (b[:3, 3] - a[:3, 3])
+    fractions = np.asarray(fraction, dtype=float)
+    poses = np.broadcast_to(a, (*fractions.shape, 4, 4)).copy()
+    poses[..., :3, 3] += fractions[..., None] * (b[:3, 3] - a[:3, 3])
     if not np.array_equal(a[:3, :3], b[:3, :3]):  # most straight motions do not rotate
-        turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
-        turns = Rotation.from_rotvec((share[..., None] * turn).reshape(-1, 3)).as_matrix()
-        between[..., :3, :3] = a[:3, :3] @ turns.reshape(*share.shape, 3, 3)
-    return between
+        rotation_vector = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
+        rotations = Rotation.from_rotvec((fractions[..., None] * rotation_vector).reshape(-1, 3)).as_matrix()
+        poses[..., :3, :3] = a[:3, :3] @ rotations.reshape(*fractions.shape, 3, 3)
+    return poses

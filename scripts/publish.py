@@ -23,20 +23,20 @@ from rf_exp.ablation import (
     EvaluationRow,
     GenerationRow,
     Published,
-    of_training_seed,
     read_curves,
     read_published,
     read_rows,
+    training_seed_file,
     write_published,
 )
 from rf_exp.artifacts import configuration_file, read_json
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Dialogue
 from rf_exp.progress import console
 
 RESULTS = Path(__file__).parents[1] / "results"
-EVERY = 200  # steps of learning to a row of published curves
+CURVE_STEPS = 200  # steps of learning to a row of published curves
 REMEDY = "evaluate again (stages=[evaluate])"
 
 
@@ -45,28 +45,34 @@ def publish(out: Path, results: Path, scenes: int) -> None:
     for path in _files(out, "evaluate/*/*"):
         rows = read_rows(path, EvaluationRow)
         finished = [seed for seed in _seeds(rows) if sum(r.train_seed == seed for r in rows) >= scenes]
-        to = (results / path.relative_to(out / "results")).with_suffix(PUBLISHED)
+        target = (results / path.relative_to(out / "results")).with_suffix(PUBLISHED)
         if finished:
             # What a scene has drawn follows from its seed, and would be most of the bytes.
-            told = [replace(row, drawn={}) for row in rows if row.train_seed in finished]
-            kept = _merge(out, path, to, told)
-            console.print(f"{to}: training seeds {finished}" + (f", beside {kept}" if kept else ""))
+            published = [replace(row, drawn={}) for row in rows if row.train_seed in finished]
+            other_seeds = _merge(out, path, target, published)
+            console.print(
+                f"{target}: training seeds {finished}" + (f", beside {other_seeds}" if other_seeds else "")
+            )
         for seed in _seeds(rows) - {*finished}:
-            console.print(f"{to}: training seed {seed} is not finished, nothing of it is published")
+            console.print(f"{target}: training seed {seed} is not finished, nothing of it is published")
 
 
-def publish_demonstrations(out: Path, results: Path, of: str) -> None:
+def publish_demonstrations(out: Path, results: Path, kind: str) -> None:
     """Of the `expert` the rows of `full` below `out/results/generate`, of `ablation`, `brains` all rows."""
     for path in _files(out, "generate/*"):
         task, constraints = path.parent.name, path.stem
-        if of == "expert" and constraints != "full":
+        if kind == "expert" and constraints != "full":
             continue
-        to = results / of / (f"{task}{PUBLISHED}" if of == "expert" else f"{task}/{constraints}{PUBLISHED}")
+        target = (
+            results
+            / kind
+            / (f"{task}{PUBLISHED}" if kind == "expert" else f"{task}/{constraints}{PUBLISHED}")
+        )
         rows = read_rows(path, GenerationRow)
-        if of != "brains":  # what was answered would be most of the bytes
+        if kind != "brains":  # what was answered would be most of the bytes
             rows = tuple(replace(row, dialogue=Dialogue()) for row in rows)
-        write_published(to, Published(rows))
-        console.print(str(to))
+        write_published(target, Published(rows))
+        console.print(str(target))
 
 
 def _files(out: Path, folders: str) -> list[Path]:
@@ -81,39 +87,42 @@ def _seeds(rows: Iterable[EvaluationRow]) -> set[int]:
     return {row.train_seed for row in rows}
 
 
-def _merge(out: Path, path: Path, to: Path, rows: list[EvaluationRow]) -> list[int]:
+def _merge(out: Path, path: Path, target: Path, rows: list[EvaluationRow]) -> list[int]:
     """Write rows and what belongs to them; returns the training seeds that stay beside them."""
-    asked = read_json(configuration_file(path), REMEDY)
-    there = read_published(to, EvaluationRow) if to.exists() else Published(())
-    if there.asked != asked:
-        there = Published(())  # evaluated otherwise, or nobody knows how: it shares no cell with these
+    configuration = read_json(configuration_file(path), REMEDY)
+    existing = read_published(target, EvaluationRow) if target.exists() else Published(())
+    if existing.asked != configuration:
+        existing = Published(())  # evaluated otherwise, or nobody knows how: it shares no cell with these
     seeds = _seeds(rows)
-    before = [row for row in there.rows if row.train_seed not in seeds]
-    made, curves = dict(there.made), {seed: each for seed, each in there.curves.items() if seed not in seeds}
+    kept = [row for row in existing.rows if row.train_seed not in seeds]
+    provenances, curves = (
+        dict(existing.made),
+        {seed: each for seed, each in existing.curves.items() if seed not in seeds},
+    )
     for seed in seeds:
-        made[seed] = read_json(configuration_file(of_training_seed(path, seed)), REMEDY)
-        if learned := _curves(out, rows[0], seed):
-            curves[seed] = learned
-    ordered = sorted([*before, *rows], key=lambda row: (row.train_seed, row.scene_seed))
-    in_order = (dict(sorted(each.items())) for each in (made, curves))
-    write_published(to, Published(tuple(ordered), asked, *in_order))
-    return sorted(_seeds(before))
+        provenances[seed] = read_json(configuration_file(training_seed_file(path, seed)), REMEDY)
+        if seed_curves := _curves(out, rows[0], seed):
+            curves[seed] = seed_curves
+    ordered = sorted([*kept, *rows], key=lambda row: (row.train_seed, row.scene_seed))
+    by_seed = (dict(sorted(each.items())) for each in (provenances, curves))
+    write_published(target, Published(tuple(ordered), configuration, *by_seed))
+    return sorted(_seeds(kept))
 
 
 def _curves(out: Path, row: EvaluationRow, seed: int) -> dict[str, dict[str, list[float]]]:
     """The mean loss of every EVERY steps of all policies, where this recipe has learned any."""
     folder = out / "policies" / row.task / row.constraints / row.arch
-    found: dict[str, dict[str, list[float]]] = {}
+    curves: dict[str, dict[str, list[float]]] = {}
     for path in [] if row.shield else sorted(folder.glob(f"{row.recipe}-{row.demos}-{seed}/*/curves.csv")):
-        logged = read_curves(path)
-        rows = zip(logged["step"], logged["loss"], logged["core_s"], strict=True)
-        curve = found[path.parent.name] = {"step": [], "loss": [], "core_s": []}
-        for _, of in groupby(rows, lambda row: (row[0] - 1) // EVERY):
-            steps, losses, spent_s = zip(*of, strict=True)
+        log = read_curves(path)
+        rows = zip(log["step"], log["loss"], log["core_s"], strict=True)
+        curve = curves[path.parent.name] = {"step": [], "loss": [], "core_s": []}
+        for _, chunk in groupby(rows, lambda row: (row[0] - 1) // CURVE_STEPS):
+            steps, losses, spent_s = zip(*chunk, strict=True)
             curve["step"].append(round(steps[-1]))
             curve["loss"].append(float(f"{fmean(losses):.4g}"))
             curve["core_s"].append(float(f"{spent_s[-1]:g}"))
-    return found
+    return curves
 
 
 def main() -> None:
@@ -136,4 +145,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

@@ -14,7 +14,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from rf_exp.command import guarded, register_all_tasks
+from rf_exp.command import register_all_tasks, run_guarded
 from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.tasks import Task, load_task
 
@@ -99,7 +99,7 @@ def data_command(
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["rf_exp.data", *map(str, arguments)])
         capsys.readouterr()
-        code = guarded(main)
+        code = run_guarded(main)
         told = capsys.readouterr()
         return code, told.out, told.err
 
@@ -117,7 +117,7 @@ def command(
         monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
         GlobalHydra.instance().clear()
         capsys.readouterr()
-        code = guarded(main)
+        code = run_guarded(main)
         return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
 
     return call

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from rf_exp.artifacts import digest, write_json
-from rf_exp.datagen import GENERATOR, EpisodeMaker, NullObserver, Settings
+from rf_exp.datagen import GENERATOR, EpisodeGenerator, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec, to_json
 from rf_exp.sim import Simulator
 from rf_exp.tasks import SuccessEvaluator, Task
@@ -85,7 +85,7 @@ def of(task: Task, constraints: list[ConstraintSet]) -> Digests:
         for row in constraints:
             watching = Watching(task)
             settings = Settings.configured(task, row, ScriptedSpec())
-            EpisodeMaker(settings, world, settings.make_brain(SEED), watching).make(SEED)
+            EpisodeGenerator(settings, world, settings.make_brain(SEED), watching).make(SEED)
             found["rows"][row.name] = watching.digests()
     return found
 

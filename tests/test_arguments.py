@@ -11,9 +11,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.errors import ArgumentError
-from rf_exp.keys import arranged, checked_folder
+from rf_exp.keys import checked_arguments, checked_folder
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ from rf_exp.keys import arranged, checked_folder
     ],
 )
 def test_flags_are_taken_wherever_they_stand(arguments: list[str], meant: list[str]) -> None:
-    assert arranged(arguments) == meant
+    assert checked_arguments(arguments) == meant
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_flags_are_taken_wherever_they_stand(arguments: list[str], meant: list[s
 )
 def test_what_hydra_cannot_read_is_told_with_how_to_write_it(arguments: list[str], told: str) -> None:
     with pytest.raises(ArgumentError) as error:
-        arranged(arguments)
+        checked_arguments(arguments)
     assert told in str(error.value) and "\n" not in str(error.value)
 
 
@@ -91,7 +91,7 @@ def test_whatever_letters_a_value_has_it_is_read_or_the_advice_is_what_a_shell_u
     value: str,
 ) -> None:
     try:
-        arranged([f"name={value}"])
+        checked_arguments([f"name={value}"])
     except ArgumentError as error:
         head, _, command = str(error).partition("as in ")
         if "needs quotes" not in head:
@@ -152,7 +152,7 @@ def test_nothing_is_made_for_a_command_line_that_is_refused(tmp_path: Path, monk
     ):
         monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
         GlobalHydra.instance().clear()
-        assert guarded(main) == 2
+        assert run_guarded(main) == 2
         error = capsys.readouterr().err
         assert told in error and error.startswith("wrong argument: ") and error.count("\n") == 1
     assert not list((tmp_path / "here").iterdir())

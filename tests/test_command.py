@@ -15,7 +15,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
-from rf_exp.command import explained, guarded
+from rf_exp.command import run_guarded, wrap_unexpected_errors
 from rf_exp.processes import SHELL_SIGNAL
 
 ROOT = Path(__file__).parents[1]
@@ -41,7 +41,7 @@ def wrong() -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_end_is_a_line_and_the_usual_exit_code(number: signal.Signals, capsys) -> None:
     signal.signal(number, signal.SIG_DFL)  # nohup leaves SIGHUP ignored, and so does the command then
-    assert guarded(lambda: os.kill(os.getpid(), number)) == 128 + number
+    assert run_guarded(lambda: os.kill(os.getpid(), number)) == 128 + number
     assert capsys.readouterr().err == f"ended by {number.name}; the same command goes on from here\n"
     assert signal.getsignal(number) is signal.SIG_DFL
 
@@ -59,11 +59,11 @@ def test_who_stops_reading_ends_the_command_quietly(arguments: list[str]) -> Non
     )
     os.close(write)
     assert result.returncode == SHELL_SIGNAL + signal.SIGPIPE
-    assert result.stderr == "ended: nobody reads the output; the same command goes on from here\n"
+    assert result.stderr == "ended: output pipe closed; the same command goes on from here\n"
 
 
 def test_memory_that_runs_out_is_a_line(capsys) -> None:
-    assert guarded(lambda: print(np.ones(2**50))) == 1
+    assert run_guarded(lambda: print(np.ones(2**50))) == 1
     told = capsys.readouterr().err
     assert told.startswith("failed: memory ran out (Unable to allocate") and told.count("\n") == 1
     assert "fewer workers" in told and "the same command goes on from here" in told
@@ -77,9 +77,9 @@ def test_a_disk_that_is_full_is_a_line(capsys, number: int, in_words: bool) -> N
             raise RuntimeError(f"I/O error: {os.strerror(number)} (os error {number})")
         raise OSError(number, os.strerror(number), "some/file")
 
-    assert guarded(job) == 1
+    assert run_guarded(job) == 1
     told = capsys.readouterr().err
-    assert told.startswith("failed: no room left on the disk (") and os.strerror(number) in told
+    assert told.startswith("failed: disk full (") and os.strerror(number) in told
     assert told.endswith("; the same command goes on from here\n") and told.count("\n") == 1
 
 
@@ -92,7 +92,7 @@ def test_memory_that_is_too_little_has_many_names(capsys, error: Exception) -> N
     def job() -> None:
         raise error
 
-    assert guarded(job) == 1
+    assert run_guarded(job) == 1
     told = capsys.readouterr().err
     assert told.startswith("failed: memory ran out (") and "unexpected" not in told
 
@@ -116,7 +116,7 @@ def test_a_command_that_may_have_too_little_memory_says_so(tmp_path: Path) -> No
 
 def test_an_error_that_nobody_foresaw_is_a_line_and_a_file(capsys, monkeypatch) -> None:
     monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
-    assert guarded(wrong) == 1
+    assert run_guarded(wrong) == 1
     told = capsys.readouterr().err
     assert told.startswith("failed: unexpected ZeroDivisionError: by nothing; the traceback is in ")
     assert told.count("\n") == 1
@@ -126,7 +126,7 @@ def test_an_error_that_nobody_foresaw_is_a_line_and_a_file(capsys, monkeypatch) 
 
 def test_hydra_full_error_shows_the_traceback(capsys, monkeypatch) -> None:
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
-    assert guarded(wrong) == 1
+    assert run_guarded(wrong) == 1
     told = capsys.readouterr().err
     assert "Traceback" in told and "in wrong" in told
     assert told.splitlines()[-1].startswith("failed: unexpected ZeroDivisionError")
@@ -143,7 +143,7 @@ def test_what_is_begun_in_one_second_has_folders_of_its_own() -> None:
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-@explained
+@wrap_unexpected_errors
 def surprised(config: DictConfig) -> None:
     wrong()
 
@@ -151,7 +151,7 @@ def surprised(config: DictConfig) -> None:
 def test_the_traceback_of_a_job_is_in_its_folder(tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(sys, "argv", ["surprised", f"out={tmp_path}"])
     GlobalHydra.instance().clear()
-    assert guarded(surprised) == 1
+    assert run_guarded(surprised) == 1
     told = capsys.readouterr().err
     (path,) = tmp_path.glob("runs/*/*/error.log")
     last = f"failed: unexpected ZeroDivisionError: by nothing; the traceback is in {path}"
@@ -160,7 +160,7 @@ def test_the_traceback_of_a_job_is_in_its_folder(tmp_path: Path, capsys, monkeyp
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, capsys) -> None:
-    assert guarded(lambda: print(tmp_path.read_text())) == 2
+    assert run_guarded(lambda: print(tmp_path.read_text())) == 2
     assert capsys.readouterr().err == f"wrong argument: {tmp_path}: Is a directory\n"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from rf_exp.compose import compose, things_of, written
+from rf_exp.compose import compose, parse_objects, write_files
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
@@ -24,12 +24,12 @@ THINGS = ("cube", "cube", "bowl:pot", "lid")
 
 
 def jobs_of(text: str, *objects: str) -> dict[str, Job]:
-    said = compose(text, objects, "composed", "composed.composed").said
+    said = compose(text, objects, "composed", "composed.composed").parsed
     return {job.thing: job for job in said.jobs}
 
 
 def test_a_sentence_becomes_jobs_and_an_order() -> None:
-    said = compose(BOTH, THINGS, "both", "composed.both").said
+    said = compose(BOTH, THINGS, "both", "composed.both").parsed
     assert said.arms == 2
     assert said.jobs == (
         Job("blue_cube", "center", "bowl", "inside1"),
@@ -83,7 +83,7 @@ def test_what_comes_first() -> None:
 
 
 def test_things_have_names() -> None:
-    found = things_of(["cube", "cube", "green_cube", "bowl:pot", "shoe", "shoe"])
+    found = parse_objects(["cube", "cube", "green_cube", "bowl:pot", "shoe", "shoe"])
     assert list(found) == ["blue_cube", "red_cube", "green_cube", "bowl", "shoe1", "shoe2"]
     assert found["green_cube"]["options"] == {"colour": "green"}
     assert found["bowl"]["asset"] == "pot"
@@ -146,19 +146,19 @@ def test_towers_that_are_too_high_are_refused() -> None:
 
 def test_a_file_of_somebody_else_is_not_written_over(tmp_path: Path) -> None:
     composed = compose(BOTH, THINGS, "both", "composed.both")
-    paths = written(composed, tmp_path)
-    assert written(composed, tmp_path) == paths  # the same again
+    paths = write_files(composed, tmp_path)
+    assert write_files(composed, tmp_path) == paths  # the same again
     node = OmegaConf.load(paths[0])
     assert node.both.description == BOTH
     paths[1].write_text("mine")
     with pytest.raises(ArgumentError, match=r"both\.py is there already and is another; choose another name"):
-        written(composed, tmp_path)
+        write_files(composed, tmp_path)
 
 
 @pytest.mark.slow
 def test_the_expert_does_what_the_sentence_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     composed = compose(BOTH, THINGS, "both_in", "rf_composed.both_in")
-    written(composed, tmp_path / "rf_composed")
+    write_files(composed, tmp_path / "rf_composed")
     monkeypatch.syspath_prepend(tmp_path)
     task = load_task(composed.name, composed.node)
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())

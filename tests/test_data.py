@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from rf_exp.data.lerobot import of_values, together
+from rf_exp.data.lerobot import aggregate_stats, value_stats
 from rf_exp.data.robomimic import split
 from rf_exp.store import Description, Store
 from rf_exp.types import UNITS, Episode, Judged
@@ -295,7 +295,7 @@ def test_the_split_takes_the_last_of_every_ten_for_validation(episodes: int, val
 def test_statistics_of_episodes_together_are_those_of_all_rows() -> None:
     rng = np.random.default_rng(0)
     parts = [rng.normal(k, 1 + k, (20 + 30 * k, 3)) for k in range(3)]
-    found, wanted = together([of_values(part) for part in parts]), of_values(np.concatenate(parts))
+    found, wanted = aggregate_stats([value_stats(part) for part in parts]), value_stats(np.concatenate(parts))
     for name in ("min", "max", "mean", "std", "count"):
         np.testing.assert_allclose(found[name], wanted[name])
 

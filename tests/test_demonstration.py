@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen import Planned, Settings
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.demonstration import demonstrate
 from rf_exp.demonstration.__main__ import main
-from rf_exp.demonstration.notes import phases
+from rf_exp.demonstration.episode_log import phases
 from rf_exp.statements import Proposal
 from rf_exp.types import NO_PICTURES, ConstraintSet, Schedule
 from tests.conftest import read_task
@@ -131,7 +131,7 @@ def test_subgoals_that_begin_together_are_one_phase():
 def command(monkeypatch, *arguments: str) -> int:
     monkeypatch.setattr(sys, "argv", ["rf_exp.demonstration", *arguments])
     GlobalHydra.instance().clear()
-    return guarded(main)
+    return run_guarded(main)
 
 
 @pytest.mark.render

@@ -24,23 +24,23 @@ def install(folder: Path, name: str, version: str, *requires: str) -> None:
     (info / "METADATA").write_text("\n".join([*lines, *(f"Requires-Dist: {text}" for text in requires), ""]))
 
 
-def test_a_line_holds_state_name_cost_and_mend() -> None:
+def test_a_line_holds_state_name_effect_and_remedy() -> None:
     check = doctor.Check("disk", "missing", "1 GB free", "all results", "out=FOLDER")
-    assert str(check) == "missing disk      1 GB free; costs: all results; mend: out=FOLDER"
+    assert str(check) == "missing disk      1 GB free; affects: all results; fix: out=FOLDER"
     assert str(doctor.Check("gpu", "ok", "two")) == "ok      gpu       two"
 
 
 def test_this_python_will_do() -> None:
     assert doctor.python().state == "ok"
-    assert sys.executable in doctor.python().found
+    assert sys.executable in doctor.python().detail
 
 
 def test_another_python_will_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "PYTHONS", ((3, 99),))
     check = doctor.python()
     assert check.state == "missing"
-    assert "3.11 or 3.12 is needed" in check.found
-    assert check.mend == "install Python 3.11, then PYTHON=python3.11 scripts/setup.sh"
+    assert "3.11 or 3.12 is needed" in check.detail
+    assert check.remedy == "install Python 3.11, then PYTHON=python3.11 scripts/setup.sh"
 
 
 def test_the_packages_of_this_environment_are_all_there() -> None:
@@ -50,8 +50,8 @@ def test_the_packages_of_this_environment_are_all_there() -> None:
 
 def test_a_distribution_that_is_not_installed() -> None:
     check = doctor.packages("rf_exp_nowhere")
-    assert (check.state, check.found) == ("missing", "rf_exp_nowhere is not installed")
-    assert check.mend == "scripts/setup.sh"
+    assert (check.state, check.detail) == ("missing", "rf_exp_nowhere is not installed")
+    assert check.remedy == "scripts/setup.sh"
 
 
 def test_every_unmet_requirement_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +62,7 @@ def test_every_unmet_requirement_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.syspath_prepend(str(tmp_path))
     check = doctor.packages("broken")
     assert check.state == "missing"
-    assert check.found == (
+    assert check.detail == (
         "present is 2.13.0+cpu, needed is >=2.14, present is 2.13.0+cpu, needed is <2.13, "
         "absent is not installed, present is 2.13.0+cpu, needed is ==2.12 and 2 more"
     )
@@ -74,21 +74,21 @@ def test_both_builds_of_opencv_are_noticed(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.syspath_prepend(str(tmp_path))
     check = doctor.packages("uses_it")
     assert check.state == "note"
-    assert check.found == "opencv-python 5.0.0 lies over the headless build"
-    assert check.mend == "scripts/setup.sh"
+    assert check.detail == "opencv-python 5.0.0 is installed over the headless build"
+    assert check.remedy == "scripts/setup.sh"
 
 
 def test_a_module_that_is_not_there_is_named() -> None:
     imported, _ = doctor.imports(("json", "no_such_module"))
     assert imported.state == "missing"
-    assert imported.found == "no_such_module: ModuleNotFoundError: No module named 'no_such_module'"
+    assert imported.detail == "no_such_module: ModuleNotFoundError: No module named 'no_such_module'"
 
 
 def test_a_module_that_ends_the_process_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "dies.py").write_text("import os\nos.kill(os.getpid(), 9)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     imported, _ = doctor.imports(("json", "dies", "csv"))
-    assert imported.found == "dies: the process ended with -9"
+    assert imported.detail == "dies: the process ended with -9"
 
 
 @pytest.mark.slow
@@ -97,12 +97,12 @@ def test_a_module_that_hangs_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(doctor, "IMPORT_TIMEOUT_S", 1.0)
     imported, _ = doctor.imports(("json", "hangs"))
-    assert imported.found == "hangs: no answer in 1 s"
+    assert imported.detail == "hangs: no answer in 1 s"
 
 
 def test_cv2_imports_on_a_machine_without_a_screen() -> None:
     imported, gpu = doctor.imports(("cv2",))
-    assert (imported.state, imported.found) == ("ok", "cv2")
+    assert (imported.state, imported.detail) == ("ok", "cv2")
     assert gpu.state == "note"  # torch was not asked
 
 
@@ -111,23 +111,23 @@ def test_no_gpu_is_a_note_and_says_what_it_costs(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     imported, gpu = doctor.imports(("torch",))
     assert (imported.state, gpu.state) == ("ok", "note")
-    assert gpu.costs == "nothing for profile=quick; training with profile=paper is slow"
+    assert gpu.affects == "nothing for profile=quick; training with profile=paper is slow"
 
 
 def test_no_vulkan_device_costs_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VK_DRIVER_FILES", "/nonexistent.json")
     check = doctor.vulkan()
     assert check.state == "missing"
-    assert check.found == "there is no such file (driver: VK_DRIVER_FILES=/nonexistent.json, set by you)"
-    assert check.costs == "no pictures; render=false still makes states and actions"
-    assert check.mend == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
+    assert check.detail == "there is no such file (driver: VK_DRIVER_FILES=/nonexistent.json, set by you)"
+    assert check.affects == "no pictures; render=false still makes states and actions"
+    assert check.remedy == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
 
 
 def test_results_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     check = doctor.disk(tmp_path / "file" / "outputs")
-    assert (check.state, check.found) == ("missing", f"{tmp_path / 'file'} cannot be written to")
-    assert check.mend == "choose another: out=FOLDER"
+    assert (check.state, check.detail) == ("missing", f"{tmp_path / 'file'} cannot be written to")
+    assert check.remedy == "choose another: out=FOLDER"
 
 
 def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,15 +139,15 @@ def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(doctor, "QUICK_GB", 1e9)
     check = doctor.disk(tmp_path)
     assert check.state == "missing"
-    assert check.found.endswith(f"free for {tmp_path}, 1e+09 GB are needed")
+    assert check.detail.endswith(f"free for {tmp_path}, 1e+09 GB are needed")
 
 
 def test_the_cache_of_meshes_is_there_or_can_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     there = cache_folder(DEFAULT)
-    assert (doctor.cache().state, doctor.cache().found) == ("ok", f"meshes are in {there}")
+    assert (doctor.cache().state, doctor.cache().detail) == ("ok", f"meshes are in {there}")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
     will_be = tmp_path / "new" / "rf_exp" / there.name
-    assert (doctor.cache().state, doctor.cache().found) == ("ok", f"meshes will be made in {will_be}")
+    assert (doctor.cache().state, doctor.cache().detail) == ("ok", f"meshes will be made in {will_be}")
     assert not list(tmp_path.iterdir())
 
 
@@ -162,8 +162,8 @@ def test_a_cache_that_cannot_be_written_keeps_the_main_job_from_running(
             check = doctor.cache()
             folder = home / "rf_exp" / name
             refused = f"{home} cannot be written to, and the meshes are not in {folder}"
-            assert (check.state, check.found) == ("missing", refused)
-            assert check.mend == "set XDG_CACHE_HOME to a writable folder"
+            assert (check.state, check.detail) == ("missing", refused)
+            assert check.remedy == "set XDG_CACHE_HOME to a writable folder"
 
 
 def test_a_user_without_a_home_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,13 +171,13 @@ def test_a_user_without_a_home_is_told_so(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.delenv("HOME", raising=False)
     monkeypatch.setattr(os, "getuid", lambda: 4_000_000)  # of whom the machine knows nothing
     check = doctor.cache()
-    assert check.state == "missing" and check.found.startswith("there is no place for the mesh cache: ")
-    assert check.mend == "set XDG_CACHE_HOME to a writable folder"
+    assert check.state == "missing" and check.detail.startswith("there is no place for the mesh cache: ")
+    assert check.remedy == "set XDG_CACHE_HOME to a writable folder"
 
 
 def test_the_default_configuration_is_there() -> None:
     check = doctor.configuration()
-    assert (check.state, check.found) == ("ok", "the default is lift_barrier"), check
+    assert (check.state, check.detail) == ("ok", "the default is lift_barrier"), check
 
 
 @pytest.mark.slow
@@ -204,8 +204,8 @@ def test_a_configuration_of_which_something_is_missing_is_named(
         (conf / lost).unlink()
     monkeypatch.setattr(command, "CONF", conf)
     check = doctor.configuration()
-    assert check.state == "missing" and said in check.found, check
-    assert check.costs == "every command" and "install rf_exp again" in check.mend
+    assert check.state == "missing" and said in check.detail, check
+    assert check.affects == "every command" and "install rf_exp again" in check.remedy
     assert doctor.brain(["brain=openai"]).state == "missing"
     monkeypatch.undo()
     assert doctor.configuration().state == "ok"
@@ -233,7 +233,7 @@ def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
     assert lines[4].startswith("missing vulkan    not tried: No module named")
     assert lines[6].startswith("missing cache     not tried: No module named")
     assert lines[7].startswith("missing config    not tried: No module named")
-    assert lines[-1] == "The main job cannot run here; mend first: packages, imports, vulkan, cache, config."
+    assert lines[-1] == "The main job cannot run here; fix first: packages, imports, vulkan, cache, config."
 
 
 @pytest.mark.render

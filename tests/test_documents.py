@@ -39,7 +39,7 @@ from omegaconf import OmegaConf
 from rf_exp.command import register_all_tasks
 from rf_exp.experiment import read_experiment
 from rf_exp.policy.config import PARTS
-from rf_exp.release import unpacked
+from rf_exp.release import expand_release
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets.asset import mesh
 from tests.conftest import CONF
@@ -147,7 +147,7 @@ def test_no_line_of_a_shell_is_left_out() -> None:
 def test_hydra_composes_and_the_experiment_is_read(line: str, somewhere: None) -> None:
     register_all_tasks()
     _, _, module, *said = words(line)
-    said = unpacked(said)
+    said = expand_release(said)
     overrides = [each for each in said if not each.startswith("-")]
     launchers = [each.partition("=")[2] for each in overrides if each.startswith("hydra/launcher=")]
     if any(find_spec(f"hydra_plugins.hydra_{name.split('_')[0]}_launcher") is None for name in launchers):

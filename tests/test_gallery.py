@@ -10,13 +10,13 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import StageError
-from rf_exp.gallery import perform, play, sheets
+from rf_exp.gallery import perform, replay, sheets
 from rf_exp.gallery.__main__ import main
-from rf_exp.gallery.draw import EVERY, REST_FRAMES
+from rf_exp.gallery.draw import FRAME_STEPS, REST_FRAMES
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
@@ -33,7 +33,7 @@ def command(monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", ["rf_exp.gallery", *arguments])
         GlobalHydra.instance().clear()
         capsys.readouterr()
-        code = guarded(main)
+        code = run_guarded(main)
         return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
 
     return call
@@ -59,7 +59,7 @@ def test_every_task_gets_a_sheet_and_a_film_and_all_share_one(command, tmp_path:
     frames, size, rate, codec = film_of(folder / "lift_barrier.mp4")
     assert (rate, codec) == (20, "h264") and size[0] % 2 == size[1] % 2 == 0
     seconds = float(result.stdout.split("lift_barrier: seed 3, ")[1].split(" s")[0])
-    assert frames == pytest.approx(seconds * 20 / EVERY + REST_FRAMES, abs=1)
+    assert frames == pytest.approx(seconds * 20 / FRAME_STEPS + REST_FRAMES, abs=1)
 
 
 def film_of(path: Path) -> tuple[int, tuple[int, int], float, str]:
@@ -115,10 +115,10 @@ def test_words_belong_to_their_step(place_food: Task) -> None:
         start, middle, end = performance.stills
         assert [still.title for still in performance.stills] == ["start", "middle", "end"]
         assert (start.time_s, end.time_s) == (0.0, performance.seconds)
-        assert [line.text for line in start.lines] == ["grasp steak at center", "grasp lid at knob"]
-        assert not any(line.moving for line in end.lines)
+        assert [line.text for line in start.activities] == ["grasp steak at center", "grasp lid at knob"]
+        assert not any(line.moving for line in end.activities)
         assert 0.25 <= middle.time_s / performance.seconds <= 0.75
-        texts = [line[1].text for line in performance.lines]
+        texts = [line[1].text for line in performance.activities]
         assert list(dict.fromkeys(texts))[:3] == [
             "grasp lid at knob",
             "lift lid by 0.12 m",
@@ -126,10 +126,10 @@ def test_words_belong_to_their_step(place_food: Task) -> None:
         ]
         # An arm that is said to wait stands still, one that is said to move does not.
         moved = np.abs(np.diff(performance.actions[:, :, :7], axis=0)).max(axis=2)  # (T - 1, N)
-        moving = np.array([[line.moving for line in lines] for lines in performance.lines])[1:]
+        moving = np.array([[line.moving for line in lines] for lines in performance.activities])[1:]
         assert moved[~moving].max() < 1e-9
         assert (moved[moving] > 1e-6).mean() > 0.7  # the rest closes or opens fingers
-        left, top, right, bottom = performance.part  # of the picture, in its proportions
+        left, top, right, bottom = performance.crop  # of the picture, in its proportions
         assert 0 <= left < right <= 64 and 0 <= top < bottom <= 48
         assert (right - left) / (bottom - top) == pytest.approx(64 / 48) and right - left < 64
         # Nearly all that differs between the stills is what was moved.
@@ -137,4 +137,4 @@ def test_words_belong_to_their_step(place_food: Task) -> None:
         with pytest.raises(
             StageError, match="'place_food', seed 1: played again, the episode does not succeed"
         ):
-            list(play(world, 1, performance.actions, set()))
+            list(replay(world, 1, performance.actions, set()))

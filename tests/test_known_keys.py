@@ -13,15 +13,15 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.errors import ArgumentError
-from rf_exp.keys import RENAMED, keys_told
-from rf_exp.keys.known import known, possible, unknown
-from rf_exp.keys.refusal import content, nearest
+from rf_exp.keys import RENAMED, keys_help
+from rf_exp.keys.known import known_keys, possible_keys, unknown_keys
+from rf_exp.keys.refusal import config_content, nearest
 from rf_exp.tasks import SuccessEvaluator, load_task
 from tests.conftest import TASKS
 from tests.scenes import start_scene
 
 BRAINS = sorted(path.stem for path in (CONF / "brain").glob("*.yaml"))
-OWN_TASKS = {path.stem: content(path)[path.stem] for path in (CONF / "task").glob("*.yaml")}
+OWN_TASKS = {path.stem: config_content(path)[path.stem] for path in (CONF / "task").glob("*.yaml")}
 
 
 def composed(brain: str) -> Any:
@@ -57,9 +57,9 @@ def with_misspelt(node: Any, key: list[str], wrong: str) -> Any:
 @pytest.mark.parametrize("brain", BRAINS)
 def test_of_every_key_a_wrong_letter_is_missed_and_the_right_one_proposed(brain: str) -> None:
     node = composed(brain)
-    keys = known(node, OWN_TASKS)
-    assert list(unknown(node, keys)) == []
-    there = list(possible(node, keys))
+    keys = known_keys(node, OWN_TASKS)
+    assert list(unknown_keys(node, keys)) == []
+    there = list(possible_keys(node, keys))
     assert len(there) > 900 and {key.split(".")[1] for key in there if key.startswith("task.")} == set(TASKS)
     judged = [key for key in there if brain == "scripted" or key.startswith("brain.")]
     for number, dotted in enumerate(judged):
@@ -69,7 +69,7 @@ def test_of_every_key_a_wrong_letter_is_missed_and_the_right_one_proposed(brain:
             if said in there or key[-1].isdecimal():  # another key by now, and the place in a list
                 continue
             changed = with_misspelt({key[0]: node[key[0]]}, key, wrong)
-            assert list(unknown(changed, keys)) == [said]
+            assert list(unknown_keys(changed, keys)) == [said]
             proposed = nearest(said, there)
             assert dotted in proposed and len(proposed) <= 4, (said, proposed)
 
@@ -220,7 +220,7 @@ def test_a_key_that_lacks_or_holds_something_else_is_told(command, own, tmp_path
 
 def test_every_old_key_has_its_new_name() -> None:
     node = composed("scripted")
-    keys = set(possible(node, known(node, OWN_TASKS)))
+    keys = set(possible_keys(node, known_keys(node, OWN_TASKS)))
     assert set(RENAMED.values()) <= keys
     assert {old for old in RENAMED if old in keys} == {"policy.encoder"}  # which was a word
 
@@ -234,7 +234,7 @@ def test_an_old_key_is_refused_with_its_new_name(command, own, tmp_path) -> None
         (["policy=old"], "policy/old.yaml; it is policy.head.refined.regression_steps now."),
         (
             ["policy.encoder=heatmaps"],
-            "policy.encoder is 'heatmaps'; expected keys below it: name, keypoints; policy.encoder.name is",
+            "policy.encoder is 'heatmaps'; expected keys below it: name, keypoints; its value is",
         ),
     ):
         folder = f"hydra.searchpath=[file://{own}]"
@@ -292,7 +292,7 @@ def test_a_threshold_that_a_task_lacks_is_told() -> None:
 
 def test_help_says_of_each_key_what_it_is_with_its_default(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    told, default = keys_told(), OmegaConf.load(CONF / "config.yaml")
+    told, default = keys_help(), OmegaConf.load(CONF / "config.yaml")
     lines = told.splitlines()
     for key in set(map(str, default)) - {"defaults", "hydra"}:
         assert any(line.startswith(f"{key}:") for line in lines), key

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.launch import HERE, Launch, results
+from rf_exp.launch import LOCAL, Launch, results
 from rf_exp.processes import in_order
 from tests.children import alive, until
 
@@ -173,7 +173,7 @@ def test_who_stops_early_leaves_no_process(cluster, tmp_path, monkeypatch, inter
         ("slurm", {}, "unknown launch.engine 'slurm'; available: dask, loky, processes, ray, submitit"),
         ("ray", {}, "launch.engine=ray needs launch.address: HOST:6379, or auto"),
         ("loky", {"address": "tcp://a:1"}, "launch.address is given, and launch.engine=loky has none"),
-        (HERE, {"options": {"a": 1}}, "launch.options is given, and launch.engine=processes has none"),
+        (LOCAL, {"options": {"a": 1}}, "launch.options is given, and launch.engine=processes has none"),
         ("loky", {"shard_seeds": 0}, "launch.shard_seeds is 0; it must be positive"),
         ("loky", {"connect_s": -1.0}, "launch.connect_s is -1.0; it must be positive"),
     ],

@@ -22,7 +22,7 @@ def test_the_end_is_said_once_with_rate_and_note(capsys):
 
 
 def test_long_work_says_something_now_and_then(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
+    monkeypatch.setattr(progress, "PRINT_INTERVAL_S", 0.0)
     with Progress("bake", 2, "loaves") as bar:
         bar.advance()
         bar.advance()

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import Evidence
-from rf_exp.datagen import EpisodeMaker, Outcome, Planned, Settings
+from rf_exp.datagen import EpisodeGenerator, Outcome, Planned, Settings
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import PlanningScene, centres_m
-from rf_exp.perception import look
-from rf_exp.recording import EpisodeRecorder, check_result, orders
+from rf_exp.perception import occupied_voxels
+from rf_exp.recording import EpisodeRecorder, check_result, order_masks
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.sim import Limited, Simulator
+from rf_exp.sim import CameraSubset, Simulator
 from rf_exp.tasks import Variation
 from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import read_task
@@ -49,7 +49,7 @@ def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
     with Simulator(task, render=False) as world, Witness(path, task, world, "Place Food") as recorder:
         recorder.plans = []
         settings = Settings.configured(task, FULL, FaultySpec("wrong_direction"))
-        outcome = EpisodeMaker(settings, world, settings.make_brain(0), recorder).make(0)
+        outcome = EpisodeGenerator(settings, world, settings.make_brain(0), recorder).make(0)
         made_up = {
             "value": 0.2,
             "bound": 0.15,
@@ -143,7 +143,7 @@ def test_the_diagram_shows_the_positions_of_every_step(episode):
     )
     assert len(places) == outcome.steps
     # The schedule keeps out of what its diagram forbids.
-    [(pair, ordered)] = orders(plan.checker, plan.checked.plan.paths).items()
+    [(pair, ordered)] = order_masks(plan.checker, plan.checked.plan.paths).items()
     assert pair == (1, 2)
     assert ordered.any()
     assert not (ordered | plan.checked.plan.paths.diagrams[pair])[tuple(plan.schedule.positions.T)].any()
@@ -161,10 +161,14 @@ def test_occupancy_moves_with_the_arm_and_with_what_it_holds(episode):
 def test_what_the_cameras_saw_is_shown_where_spatial_constraints_ask_them(tmp_path):
     path, task = tmp_path / "generate-0.rrd", read_task("pick_meat")
     with Simulator(task) as world:
-        seen = look(world.depth(), world.camera_models(), PlanningScene(task, world.reset(0)))
+        seen = occupied_voxels(world.depth(), world.camera_models(), PlanningScene(task, world.reset(0)))
         with EpisodeRecorder(path, task, world, "Pick Meat") as recorder:
             settings = Settings.configured(task, FULL, ScriptedSpec(), occupancy="depth")
-            assert EpisodeMaker(settings, Limited(world), settings.make_brain(0), recorder).make(0).success
+            assert (
+                EpisodeGenerator(settings, CameraSubset(world), settings.make_brain(0), recorder)
+                .make(0)
+                .success
+            )
     content = Content(path)
     first = content.column("/world/occupancy/cameras", "Boxes3D:centers")[0]
     np.testing.assert_allclose(first, centres_m(seen), atol=1e-6)
@@ -177,7 +181,7 @@ def test_clutter_of_the_scene_is_shown(tmp_path):
     with Simulator(usual, render=False) as world:
         scene = world.reset(0)
         with EpisodeRecorder(path, world.task, world, "Pick Meat") as recorder:
-            recorder.look(scene)
+            recorder.record_scene(scene)
     content = Content(path)
     assert 3 <= len(scene.clutter) <= 8
     for name, pose in scene.clutter.items():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import zarr
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.errors import StageError
 from rf_exp.rescue import main
 from rf_exp.store import Store
@@ -28,7 +28,7 @@ def rescue(monkeypatch, capsys):
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["rf_exp.rescue", *map(str, arguments)])
         capsys.readouterr()
-        return guarded(main), *capsys.readouterr()
+        return run_guarded(main), *capsys.readouterr()
 
     return call
 

@@ -126,7 +126,7 @@ def test_what_draws_is_named_and_pip_s_notes_about_places_are_not(
     (clone / "said").write_text(f"{NOISE}{conflict}{NOISE}")
     done = run(clone, "scripts/setup.sh", **fitted)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"== Vulkan: drew a picture on .+ in [0-9.]+ s \(.+\)\n== ready\n$", done.stdout)
+    assert re.search(r"== Vulkan: rendered a picture on .+ in [0-9.]+ s \(.+\)\n== ready\n$", done.stdout)
     assert done.stderr == conflict
 
 

@@ -63,7 +63,7 @@ from rf_exp import stages
 def there(*wanted):
     return [getattr(stages, name) for name in wanted] and sorted({heavy} & set(sys.modules))
 
-print(json.dumps([there("check_cameras", "say_how_long", "generate_data"), there("train_policies")]))
+print(json.dumps([there("check_cameras", "print_estimate", "generate_data"), there("train_policies")]))
 """
 
 

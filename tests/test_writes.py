@@ -26,7 +26,7 @@ Command, killed = BENCHMARK["Command"], BENCHMARK["killed"]
 def assert_right(command: Any, folder: Path, every: int = 1, last: int | None = None) -> None:
     """All is right when the command is killed before every so many of its writes, or of the last."""
     trials = killed(command, folder, every, last)
-    assert trials.kills and not trials.wrong, "\n".join(trials.wrong)
+    assert trials.kills and not trials.defects, "\n".join(trials.defects)
 
 
 @pytest.mark.slow
@@ -35,8 +35,10 @@ def test_a_merge_that_is_killed_has_its_card_or_no_store(tmp_path: Path) -> None
     command = Command(
         run=lambda out: merge_stores(parts, out / "merged.zarr"),
         inputs=tuple(parts),
-        whole=("merged.zarr", "merged.md"),
-        torn=lambda out: "no card" if (out / "merged.zarr").exists() > (out / "merged.md").exists() else "",
+        atomic_outputs=("merged.zarr", "merged.md"),
+        other_defects=lambda out: (
+            "no card" if (out / "merged.zarr").exists() > (out / "merged.md").exists() else ""
+        ),
     )
     assert_right(command, tmp_path / "trials", every=2, last=8)
 
@@ -45,7 +47,9 @@ def test_a_merge_that_is_killed_has_its_card_or_no_store(tmp_path: Path) -> None
 @pytest.mark.parametrize("form", ["lerobot", "robomimic", "robofactory", "recordepisode"])
 def test_an_export_that_is_killed_is_there_as_a_whole_or_not_at_all(tmp_path: Path, form: str) -> None:
     store = store_of(tmp_path / "s.zarr", range(1))
-    command = Command(run=lambda out: export(store, out / "export", form), inputs=(store,), whole=("export",))
+    command = Command(
+        run=lambda out: export(store, out / "export", form), inputs=(store,), atomic_outputs=("export",)
+    )
     assert_right(command, tmp_path / "trials", every=2, last=5)
 
 
@@ -56,7 +60,7 @@ def test_an_import_that_is_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> N
     command = Command(
         run=lambda out: import_demonstrations([source], out / "s.zarr", "lift_barrier"),
         inputs=(source,),
-        whole=("s.md",),
+        atomic_outputs=("s.md",),
     )
     assert_right(command, tmp_path / "trials", every=60)
 
@@ -75,7 +79,7 @@ def test_a_rescue_that_is_killed_leaves_the_damaged_store_whole(tmp_path: Path) 
         run=lambda out: rescue(out / "q.zarr"),
         prepare=lambda out: shutil.copytree(store, out / "q.zarr"),
         inputs=(store,),
-        torn=lost,
+        other_defects=lost,
     )
     assert_right(command, tmp_path / "trials", every=2, last=12)
 
@@ -110,7 +114,7 @@ def test_a_publication_that_is_killed_shows_rows_only_beside_what_they_were_made
         run=lambda out: publish(tmp_path / "later", out / "results"),
         prepare=lambda out: shutil.copytree(tmp_path / "before", out / "results"),
         inputs=(tmp_path / "later",),
-        whole=(str("results" / CELL),),
-        torn=lambda out: unlike(out / "results"),
+        atomic_outputs=(str("results" / CELL),),
+        other_defects=lambda out: unlike(out / "results"),
     )
     assert_right(command, tmp_path / "trials")

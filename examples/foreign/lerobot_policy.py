@@ -43,13 +43,13 @@ class LeRobotPolicy:
 
     def act(self, observation: dict[str, Any]) -> NDArray[np.float32]:
         """A chunk (T, N * 8) float32: joint targets in rad and gripper, agent by agent."""
-        seen: dict[str, Any] = {"observation.state": torch.from_numpy(observation["qpos"].flatten())}
+        inputs: dict[str, Any] = {"observation.state": torch.from_numpy(observation["qpos"].flatten())}
         for camera in self._cameras:
             picture = np.moveaxis(observation[f"rgb_{camera}"], -1, 0)  # (3, H, W)
-            seen[CAMERA + camera] = torch.from_numpy(picture.astype(np.float32) / 255)
+            inputs[CAMERA + camera] = torch.from_numpy(picture.astype(np.float32) / 255)
         if "language" in observation:
-            seen["task"] = observation["language"]
-        chunk = self._after(self._policy.predict_action_chunk(self._before(seen)))
+            inputs["task"] = observation["language"]
+        chunk = self._after(self._policy.predict_action_chunk(self._before(inputs)))
         return chunk[0, : self._steps].numpy()
 
 

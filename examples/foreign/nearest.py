@@ -24,11 +24,11 @@ class Nearest:
     """Policy that plays all actions of one demonstration and then holds the last one."""
 
     def __init__(self, store: str, demos: int) -> None:
-        found = Store.open(store).first(demos)
-        first = np.concatenate([[0], found.episode_ends[:-1]])
-        self._names = found.objects
-        self._starts = np.stack([place({n: found.poses[n][row] for n in self._names}) for row in first])
-        self._actions = found.by_episode(found.executed)
+        store_part = Store.open(store).first(demos)
+        first = np.concatenate([[0], store_part.episode_ends[:-1]])
+        self._names = store_part.objects
+        self._starts = np.stack([place({n: store_part.poses[n][row] for n in self._names}) for row in first])
+        self._actions = store_part.by_episode(store_part.executed)
         self._last: NDArray[np.float32] | None = None  # (1, N, 8), to be held after the demonstration
 
     def reset(self, seed: int) -> None:
@@ -39,10 +39,10 @@ class Nearest:
         """A chunk (T, N, 8): the whole demonstration at first, its last action afterwards."""
         if self._last is not None:
             return self._last
-        seen = place({name: observation[f"pose_{name}"] for name in self._names})
-        found = self._actions[int(np.linalg.norm(self._starts - seen, axis=1).argmin())]
-        self._last = found[-1:]
-        return found
+        features = place({name: observation[f"pose_{name}"] for name in self._names})
+        demonstration = self._actions[int(np.linalg.norm(self._starts - features, axis=1).argmin())]
+        self._last = demonstration[-1:]
+        return demonstration
 
 
 def place(poses: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:

@@ -38,19 +38,19 @@ class Inputs:
         qpos = qpos.reshape(self.agents, -1)
         # The state has the openings of two fingers, actions -1 (closed) to 1 (open): use the latter for both.
         gripper = qpos[:, ARM:].mean(axis=1, keepdims=True) / OPEN_M * 2 - 1
-        pictures = [found for name in self.cameras if (found := _picture(data, name)) is not None]
+        pictures = [picture for name in self.cameras if (picture := _picture(data, name)) is not None]
         if not pictures:
             raise ValueError(f"none of the cameras {self.cameras} is in {sorted(data)}")
-        shown = dict(zip(SLOTS, pictures, strict=False))
-        made = {
+        images = dict(zip(SLOTS, pictures, strict=False))
+        inputs = {
             "state": np.hstack([qpos[:, :ARM], gripper]).ravel(),
-            "image": {slot: shown.get(slot, np.zeros_like(pictures[0])) for slot in SLOTS},
-            "image_mask": {slot: np.bool_(slot in shown) for slot in SLOTS},
+            "image": {slot: images.get(slot, np.zeros_like(pictures[0])) for slot in SLOTS},
+            "image_mask": {slot: np.bool_(slot in images) for slot in SLOTS},
         }
-        words = data.get("language", data.get("prompt", data.get("task")))
-        made |= {} if words is None else {"prompt": words}
+        prompt = data.get("language", data.get("prompt", data.get("task")))
+        inputs |= {} if prompt is None else {"prompt": prompt}
         actions = data.get("action", data.get("actions"))
-        return made if actions is None else made | {"actions": np.asarray(actions, np.float32)}
+        return inputs if actions is None else inputs | {"actions": np.asarray(actions, np.float32)}
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Outputs:
 
 def _picture(data: Mapping[str, Any], camera: str) -> NDArray[np.uint8] | None:
     """The picture (H, W, 3) of a camera, (3, H, W) from 0 to 1 in rows of an export; None without one."""
-    found = data.get(f"rgb_{camera}", data.get(f"observation.images.{camera}"))
-    if found is None:
+    array = data.get(f"rgb_{camera}", data.get(f"observation.images.{camera}"))
+    if array is None:
         return None
-    picture = np.asarray(found)
+    picture = np.asarray(array)
     if np.issubdtype(picture.dtype, np.floating):
         picture = np.rint(255 * picture).astype(np.uint8)
     return picture.transpose(1, 2, 0) if picture.shape[0] == 3 else picture

@@ -38,14 +38,14 @@ def main() -> None:
     parser.add_argument("--options", type=json.loads, default={}, help="its keyword arguments, as JSON")
     parser.add_argument("--host", default="127.0.0.1", help="0.0.0.0 to be reached from other machines")
     parser.add_argument("--port", type=int, default=8000)
-    given = parser.parse_args()
+    args = parser.parse_args()
 
     def make() -> Served:
-        return Served(given.factory, given.options)
+        return Served(args.factory, args.options)
 
     make()  # errors and slow loading show before the first connection
-    with serving(make, given.host, given.port, {"factory": given.factory}) as server:
-        print(f"{given.factory} at {server.address}", flush=True)
+    with serving(make, args.host, args.port, {"factory": args.factory}) as server:
+        print(f"{args.factory} at {server.address}", flush=True)
         server.run()
 
 

@@ -50,8 +50,8 @@ class Adapter:
             state[f"{side}arm_joint_state"] = qpos[:JOINTS]
             state[f"{side}ee_joint_state"] = qpos[JOINTS:].mean(keepdims=True) / OPEN_M * 2 - 1
             cameras[f"cam_{side}wrist"] = f"agent{agent}"
-        shown = {name: observation.get(f"rgb_{ours}") for name, ours in cameras.items()}
-        vision = {name: {"color": each} for name, each in shown.items() if each is not None}
+        pictures = {name: observation.get(f"rgb_{ours}") for name, ours in cameras.items()}
+        vision = {name: {"color": picture} for name, picture in pictures.items() if picture is not None}
         return {
             "data_format_version": "v1.0",
             "instruction": observation.get("language", ""),

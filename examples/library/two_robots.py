@@ -62,8 +62,8 @@ def play(env: gymnasium.Env, seed: int, job: Job, limits: JointLimits = LIMITS) 
     cell = Workcell(env, points=job.points, places={"handover": transform()}, limits=limits)
     try:
         return cell.execute(cell.plan(job.subgoals, job.constraints))
-    except NoPlan as refused:
-        return refused
+    except NoPlan as no_plan:
+        return no_plan
 
 
 def make(name: str) -> gymnasium.Env:
@@ -75,9 +75,9 @@ def make(name: str) -> gymnasium.Env:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--episodes", type=int, default=3)
-    given = parser.parse_args()
+    args = parser.parse_args()
     for name, job in JOBS.items():
         env = make(name)
-        for seed in range(given.episodes):
+        for seed in range(args.episodes):
             print(name, seed, play(env, seed, job))
         env.close()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rf_exp.ablation.formats import show
 from rf_exp.ablation.report import publish
-from rf_exp.ablation.tables.known import configured
+from rf_exp.ablation.tables.inputs import configured
 from rf_exp.errors import ArgumentError, RfError
-from rf_exp.progress import complaints, console
+from rf_exp.progress import console, error_console
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -19,14 +19,14 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not (out / "results").is_dir():
             raise ArgumentError(f"--out is {out}; expected a folder with result rows in {out}/results")
-        built, report = publish(out, configured())
+        tables, report = publish(out, configured())
     except RfError as error:
-        complaints.print(f"error: {error}")
+        error_console.print(f"error: {error}")
         return 2 if isinstance(error, ArgumentError) else 1
-    said = set[str]()
-    for table in built.values():
+    printed_notes = set[str]()
+    for table in tables.values():
         if table.measured:
-            show(table, console, said)
+            show(table, console, printed_notes)
     console.print(f"tables in {out / 'tables'}, report in {report}")
     return 0
 

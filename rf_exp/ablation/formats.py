@@ -36,7 +36,7 @@ from rf_exp.errors import StageError
 from rf_exp.texts import markdown as marked
 
 LONG_TEXT = 60  # characters; columns with longer texts wrap in LaTeX and are collapsed in the report
-NAME_WIDTH = 18  # characters of a row's title on the terminal, where longer ones wrap
+TITLE_WIDTH = 18  # characters of a row's title on the terminal, where longer ones wrap
 CSV_FIELDS = (
     *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
     *("success_paper", "paper", "version", "note", "mean_violations", "clean", "clean_low", "clean_high"),
@@ -49,29 +49,33 @@ def notes(table: Table) -> list[str]:
 
     Violations are left out: they are of the same attempts as the figure before them, whose note suffices.
     """
-    placed = [
+    cell_notes = [
         f"{line.title}, {column.title}: {cell.note}."
         for line in table.lines
         for column, cell in zip(table.columns, line.cells, strict=True)
         if isinstance(cell, Rate | Length | Difference | Score) and cell.note
     ]
-    return [*table.notes, *placed]
+    return [*table.notes, *cell_notes]
 
 
 def grid(
-    table: Table, ours: Callable[[Cell], str], text: Callable[[str], str]
+    table: Table, format_cell: Callable[[Cell], str], escape: Callable[[str], str]
 ) -> tuple[list[str], list[list[str]]]:
-    """Heading and rows, formatted by `ours` and `text`; the paper's figures are in columns of their own."""
+    """Heading and rows, formatted by `format_cell` and `escape`; the paper has columns of its own."""
     heading = [table.heading]
     for column in table.columns:
         heading += [column.title, "paper"] if column.compared else [column.title]
     rows = []
     for line in table.lines:
-        row = [text(line.title)]
+        row = [escape(line.title)]
         for cell in line.cells:
-            row += [ours(cell), text(paper_figure(cell))] if isinstance(cell, Rate | Length) else [ours(cell)]
+            row += (
+                [format_cell(cell), escape(paper_figure(cell))]
+                if isinstance(cell, Rate | Length)
+                else [format_cell(cell)]
+            )
         rows.append(row)
-    return [text(title) for title in heading], rows
+    return [escape(title) for title in heading], rows
 
 
 def paper_figure(cell: Rate | Length) -> str:
@@ -100,8 +104,8 @@ def tidy_csv(table: Table) -> str:
     writer.writeheader()
     for line in table.lines:
         for column, cell in zip(table.columns, line.cells, strict=True):
-            place = {"table": table.name, "row": line.key, "column": column.key, "unit": cell.unit}
-            writer.writerow(place | cell.csv())
+            position = {"table": table.name, "row": line.key, "column": column.key, "unit": cell.unit}
+            writer.writerow(position | cell.csv())
     return buffer.getvalue()
 
 
@@ -140,76 +144,83 @@ def write(table: Table, folder: Path) -> list[Path]:
     return paths
 
 
-def show(table: Table, console: Console, said: set[str] | None = None) -> None:
+def show(table: Table, console: Console, printed: set[str] | None = None) -> None:
     """Prints a table: for each column of figures one that fits 80 characters, then the notes.
 
     Omits texts, except those that tell rows of one title apart, and lines and columns without figures. Omits
-    the notes in `said`, printed with other tables, and adds those of this one.
+    the notes in `printed`, printed with other tables, and adds those of this one.
     """
-    said = set[str]() if said is None else said
-    table = table.folded
+    printed = set[str]() if printed is None else printed
+    table = table.without_empty
     console.print(Words(f"\n{table.title}", style="bold"))
-    for index, after in table.compared:
+    for index, violations_index in table.compared:
         title, cells = table.columns[index].title, [line.cells[index] for line in table.lines]
         if any(isinstance(cell, Rate | Length) and not cell.missing for cell in cells):
-            console.print(Words(f"\n{title}", style="italic"), _column(table, index, after), sep="\n", end="")
+            console.print(
+                Words(f"\n{title}", style="italic"),
+                _column_grid(table, index, violations_index),
+                sep="\n",
+                end="",
+            )
         else:
             console.print(Words.assemble((f"\n{title}", "italic"), f": {MISSING}"))
     if not table.compared:
-        for title, heading, rows in turned(table, lambda cell: cell.markdown().replace("**", "")):
-            shown = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for title, heading, rows in transposed(table, lambda cell: cell.markdown().replace("**", "")):
+            rich_table = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
             for each in heading:
-                shown.add_column(Words(each), overflow="fold")
+                rich_table.add_column(Words(each), overflow="fold")
             for row in rows:
-                shown.add_row(*map(Words, row))
-            console.print(Words(f"\n{title}", style="italic"), shown, sep="\n", end="")
+                rich_table.add_row(*map(Words, row))
+            console.print(Words(f"\n{title}", style="italic"), rich_table, sep="\n", end="")
     for note in notes(table):
-        if note not in said:
+        if note not in printed:
             console.print(Words(f"- {note}"), soft_wrap=False)
-        said.add(note)
+        printed.add(note)
 
 
-def turned(table: Table, told: Callable[[Cell], str]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+def transposed(
+    table: Table, text_of: Callable[[Cell], str]
+) -> Iterator[tuple[str, list[str], list[list[str]]]]:
     """Yields (title, heading, rows) for the lines of a title: a column per line, named in its first cell."""
     for title in dict.fromkeys(line.title for line in table.lines):
         lines = [line for line in table.lines if line.title == title]
         heading, *rows = (
-            [column.title, *(told(line.cells[index]) for line in lines)]
+            [column.title, *(text_of(line.cells[index]) for line in lines)]
             for index, column in enumerate(table.columns)
         )
         yield title, heading, rows
 
 
-def _column(table: Table, index: int, after: int | None) -> Grid:
+def _column_grid(table: Table, index: int, violations_index: int | None) -> Grid:
     """One column as a table: our figures, rates without a violation, violations, the paper's figures."""
-    rates, titles = table.columns[index].kind is Rate, [line.title for line in table.lines]
-    shown = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    shown.add_column(Words(table.heading), width=NAME_WIDTH, overflow="fold")
-    shown.add_column("success" if rates else "control steps", justify="right", width=20)
-    for heading in [CLEAN] * rates + ["violations"] * (after is not None):
-        shown.add_column(heading, justify="right", width=13)
-    shown.add_column("paper", justify="right", width=len("100.0 %"))
+    is_rate, titles = table.columns[index].kind is Rate, [line.title for line in table.lines]
+    rich_table = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    rich_table.add_column(Words(table.heading), width=TITLE_WIDTH, overflow="fold")
+    rich_table.add_column("success" if is_rate else "control steps", justify="right", width=20)
+    for heading in [CLEAN] * is_rate + ["violations"] * (violations_index is not None):
+        rich_table.add_column(heading, justify="right", width=13)
+    rich_table.add_column("paper", justify="right", width=len("100.0 %"))
     for line in table.lines:
-        beside = None if after is None else line.cells[after]
-        name = line.title if titles.count(line.title) == 1 else _told_apart(line, table.columns)
+        violations = None if violations_index is None else line.cells[violations_index]
+        name = line.title if titles.count(line.title) == 1 else _distinct_title(line, table.columns)
         cell = line.cells[index]
         assert isinstance(cell, Rate | Length)  # as the column is `compared`
-        fields = [_stacked(cell.figure, *cell.details)]
+        fields = [_figure_with_details(cell.figure, *cell.details)]
         if isinstance(cell, Rate):
-            fields.append(_stacked(*((MISSING, "") if cell.missing else cell.clean_figure)))
-        if isinstance(beside, Violations):
-            fields.append(_stacked(beside.figure, *beside.details))
-        shown.add_row(Words(name), *fields, Words(paper_figure(cell)))
-    return shown
+            fields.append(_figure_with_details(*((MISSING, "") if cell.missing else cell.clean_figure)))
+        if isinstance(violations, Violations):
+            fields.append(_figure_with_details(violations.figure, *violations.details))
+        rich_table.add_row(Words(name), *fields, Words(paper_figure(cell)))
+    return rich_table
 
 
-def _stacked(value: str, *details: str) -> Words:
+def _figure_with_details(value: str, *details: str) -> Words:
     """A figure with its details below, dimmed."""
     below = "".join(f"\n{detail}" for detail in details if detail)
     return Words.assemble((value, "dim" if value == MISSING else "bold"), (below, "dim"))
 
 
-def _told_apart(line: Line, columns: tuple[Column, ...]) -> str:
+def _distinct_title(line: Line, columns: tuple[Column, ...]) -> str:
     """The title of a row with its texts: `Average, agents 2`."""
     texts = [
         f"{column.title.lower()} {cell.value}"

@@ -13,15 +13,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from rf_exp.ablation.tables.robustness import in_order
+from rf_exp.ablation.tables.robustness import sort_variations
 from rf_exp.ablation.tables.table import Cell, Column, Length, Line, Rate, Table, Text
 
 # Placeholder colours for variables of the page's style sheet; replaced in the finished SVG.
-VARIABLES = {
+COLOUR_VARIABLES = {
     **{"ink": "#010203", "line": "#040506", "ours": "#070809", "paper": "#0a0b0c"},
     **{"c3": "#0d0e0f", "c4": "#101112", "c5": "#131415"},
 }
-INK, FAINT, OURS, PAPER, *FURTHER = VARIABLES.values()
+INK, FAINT, OUR_COLOUR, PAPER_COLOUR, *MORE_COLOURS = COLOUR_VARIABLES.values()
 STYLE: dict[Any, Any] = {
     **{"svg.fonttype": "none", "font.size": 9, "axes.grid": True},  # real text, in the page's font
     **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
@@ -30,30 +30,32 @@ STYLE: dict[Any, Any] = {
     **dict.fromkeys(("ytick.left", "legend.frameon"), False),
 }
 WIDTH_IN = 4.2
-FULLEST = 0.55  # opacity of a map's cell where all succeeded, low enough to read numbers on it
-FEW = 3  # most tasks whose names fit side by side; names of more are vertical
+MAX_OPACITY = 0.55  # opacity of a map's cell where all succeeded, low enough to read numbers on it
+MAX_HORIZONTAL_LABELS = 3  # most tasks whose names fit side by side; names of more are vertical
 
 
-def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
+def dot_plot(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
     """Dot plot, a line per row of the table: ours with its interval, also without violations; the paper's."""
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 0.75 + 0.34 * len(lines)), layout="constrained")
         axes = figure.add_subplot()
-        for place, line in enumerate(lines):
+        for position, line in enumerate(lines):
             cell = line.cells[index]
             assert isinstance(cell, Rate | Length)  # as the column is `compared`
             scale = 100 if isinstance(cell, Rate) else 1
             if cell.value is not None:
                 low, high = cell.interval or (cell.value, cell.value)
-                axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
-                axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
-            if isinstance(cell, Rate) and (clean := cell.unmended):
-                axes.plot([scale * end for end in clean.interval], [place] * 2, color=OURS, lw=1.0)
-                mended = {"mfc": "none", "mec": OURS, "mew": 1.6, "ms": 6, "label": "no violation"}
-                axes.plot(scale * clean.value, place, "o", **mended)
+                axes.plot([scale * low, scale * high], [position] * 2, color=OUR_COLOUR, lw=2.2)
+                axes.plot(
+                    scale * cell.value, position, "o", color=OUR_COLOUR, ms=6.5, label="ours, 95 % interval"
+                )
+            if isinstance(cell, Rate) and (clean := cell.clean_if_different):
+                axes.plot([scale * end for end in clean.interval], [position] * 2, color=OUR_COLOUR, lw=1.0)
+                style = {"mfc": "none", "mec": OUR_COLOUR, "mew": 1.6, "ms": 6, "label": "no violation"}
+                axes.plot(scale * clean.value, position, "o", **style)
             if cell.paper is not None:
-                hollow = {"mfc": "none", "mec": PAPER, "mew": 1.6, "ms": 6, "label": "paper"}
-                axes.plot(scale * cell.paper, place, "D", **hollow)
+                paper_style = {"mfc": "none", "mec": PAPER_COLOUR, "mew": 1.6, "ms": 6, "label": "paper"}
+                axes.plot(scale * cell.paper, position, "D", **paper_style)
         titles = [line.title for line in lines]
         unique = len(set(titles)) == len(titles)
         labels = titles if unique else [line.key for line in lines]
@@ -79,16 +81,22 @@ def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 2.3), layout="constrained")
         axes = figure.add_subplot()
-        known = [(demos, 100 * cell.paper) for demos, cell in points if cell.paper is not None]
-        if known:
+        paper_points = [(demos, 100 * cell.paper) for demos, cell in points if cell.paper is not None]
+        if paper_points:
             axes.plot(
-                *zip(*known, strict=True), "D--", color=PAPER, mfc="none", mew=1.6, lw=1.2, label="paper"
+                *zip(*paper_points, strict=True),
+                "D--",
+                color=PAPER_COLOUR,
+                mfc="none",
+                mew=1.6,
+                lw=1.2,
+                label="paper",
             )
         for demos, cell in points:
             if cell.interval:
-                axes.plot([demos] * 2, [100 * end for end in cell.interval], color=OURS, lw=2.2)
-        own = [(demos, 100 * cell.value) for demos, cell in points if cell.value is not None]
-        axes.plot(*zip(*own, strict=True), "o-", color=OURS, ms=6.5, label="ours, 95 % interval")
+                axes.plot([demos] * 2, [100 * end for end in cell.interval], color=OUR_COLOUR, lw=2.2)
+        own_points = [(demos, 100 * cell.value) for demos, cell in points if cell.value is not None]
+        axes.plot(*zip(*own_points, strict=True), "o-", color=OUR_COLOUR, ms=6.5, label="ours, 95 % interval")
         axes.set_ylim(-2, 102)
         axes.set_xticks([demos for demos, _ in points])
         axes.set_xlabel("demonstrations")
@@ -105,16 +113,18 @@ def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
     losses = {n: v for n, v in columns.items() if "loss" in n.lower() and any(map(isfinite, v))}
     if not losses:
         raise ValueError(f"no column named after a loss; columns: {', '.join(columns)}")
-    along = next(iter(columns))
+    x_name = next(iter(columns))
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 2.3), layout="constrained")
         axes = figure.add_subplot()
-        for (name, values), colour in zip(losses.items(), (OURS, PAPER, *FURTHER), strict=False):
-            known = [(x, y) for x, y in zip(columns[along], values, strict=True) if isfinite(y)]
-            axes.plot(*zip(*known, strict=True), color=colour, lw=1.4, label=name.replace("_", " "))
+        for (name, values), colour in zip(
+            losses.items(), (OUR_COLOUR, PAPER_COLOUR, *MORE_COLOURS), strict=False
+        ):
+            points = [(x, y) for x, y in zip(columns[x_name], values, strict=True) if isfinite(y)]
+            axes.plot(*zip(*points, strict=True), color=colour, lw=1.4, label=name.replace("_", " "))
         if all(value > 0 for values in losses.values() for value in values if isfinite(value)):
             axes.set_yscale("log")
-        axes.set_xlabel(along.replace("_", " "))
+        axes.set_xlabel(x_name.replace("_", " "))
         axes.set_ylabel("loss")
         return _svg(figure, axes)
 
@@ -126,41 +136,41 @@ def read_curves(path: Path) -> dict[str, list[float]]:
     """
     with path.open(newline="", encoding="utf-8") as file:
         heading, *rows = list(csv.reader(file)) or [[]]
-    whole = [row for row in rows if len(row) == len(heading)]
-    if not whole:
+    complete = [row for row in rows if len(row) == len(heading)]
+    if not complete:
         raise ValueError("no rows")
-    return {name: [float(row[i] or "nan") for row in whole] for i, name in enumerate(heading)}
+    return {name: [float(row[i] or "nan") for row in complete] for i, name in enumerate(heading)}
 
 
-def measured(cells: Sequence[Cell]) -> bool:
+def has_values(cells: Sequence[Cell]) -> bool:
     return any(not isinstance(cell, Text) and cell.value is not None for cell in cells)
 
 
 def panels(table: Table) -> list[tuple[str, str]]:
     """(title, SVG) for each column of the table that has figures of ours beside the paper's."""
     return [
-        (column.title, dots(table.lines, index, column, f"{table.name}-{column.key}"))
+        (column.title, dot_plot(table.lines, index, column, f"{table.name}-{column.key}"))
         for index, column in enumerate(table.columns)
-        if column.compared and measured([line.cells[index] for line in table.lines])
+        if column.compared and has_values([line.cells[index] for line in table.lines])
     ]
 
 
-def maps(table: Table) -> list[tuple[str, str]]:
+def success_maps(table: Table) -> list[tuple[str, str]]:
     """(title, SVG) for each policy of the robustness table: strict success by task and by factor."""
-    places = {column.key: index for index, column in enumerate(table.columns)}
-    found: dict[str, dict[tuple[str, str], Rate]] = {}
+    indices = {column.key: index for index, column in enumerate(table.columns)}
+    by_policy: dict[str, dict[tuple[str, str], Rate]] = {}
     for line in table.lines:
-        recipe, learned, demos, scenes, rate = (
-            line.cells[places[key]] for key in ("recipe", "learned_on", "demos", "scenes", "strict")
+        recipe, learned_on, demos, scenes, rate = (
+            line.cells[indices[key]] for key in ("recipe", "learned_on", "demos", "scenes", "strict")
         )
         assert isinstance(scenes, Text) and isinstance(rate, Rate)
-        policy = f"{recipe.value}, learned on {learned.value}, {demos.value} demos"
-        found.setdefault(policy, {})[line.title, scenes.value] = rate
+        policy = f"{recipe.value}, learned on {learned_on.value}, {demos.value} demos"
+        by_policy.setdefault(policy, {})[line.title, scenes.value] = rate
     tasks = list(dict.fromkeys(line.title for line in table.lines))
-    factors = in_order(factor for rates in found.values() for _, factor in rates)
+    factors = sort_variations(factor for rates in by_policy.values() for _, factor in rates)
     return [
         (policy, success_map(rates, tasks, factors, f"{table.name}-{policy}"))
-        for policy, rates in found.items()
+        for policy, rates in by_policy.items()
     ]
 
 
@@ -169,18 +179,20 @@ def success_map(
 ) -> str:
     """Heat map of success with a column for each task and a row for each factor; more opaque is better."""
     with rc_context({**STYLE, "svg.hashsalt": salt, "axes.grid": False}):
-        names_in = 0.3 if len(tasks) <= FEW else 1.5
+        names_in = 0.3 if len(tasks) <= MAX_HORIZONTAL_LABELS else 1.5
         figure = Figure((WIDTH_IN, 0.6 + names_in + 0.24 * len(factors)), layout="constrained")
         axes = figure.add_subplot()
         for (task, factor), rate in rates.items():
             if rate.value is None:
                 continue
             x, y = tasks.index(task), factors.index(factor)
-            axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=OURS, alpha=FULLEST * rate.value, lw=0))
-            axes.text(x, y, _whole(rate.value), ha="center", va="center", fontsize=8)
+            axes.add_patch(
+                Rectangle((x - 0.5, y - 0.5), 1, 1, fc=OUR_COLOUR, alpha=MAX_OPACITY * rate.value, lw=0)
+            )
+            axes.text(x, y, _whole_percent(rate.value), ha="center", va="center", fontsize=8)
         axes.hlines([k - 0.5 for k in range(len(factors) + 1)], -0.5, len(tasks) - 0.5, colors=FAINT, lw=0.6)
         axes.vlines([k - 0.5 for k in range(len(tasks) + 1)], -0.5, len(factors) - 0.5, colors=FAINT, lw=0.6)
-        axes.set_xticks(range(len(tasks)), tasks, rotation=90 if len(tasks) > FEW else 0)
+        axes.set_xticks(range(len(tasks)), tasks, rotation=90 if len(tasks) > MAX_HORIZONTAL_LABELS else 0)
         axes.set_yticks(range(len(factors)), factors)
         axes.tick_params(top=False, bottom=False, labeltop=True, labelbottom=False)
         axes.set_xlim(-0.5, len(tasks) - 0.5)
@@ -190,19 +202,21 @@ def success_map(
         return _svg(figure, axes)
 
 
-def _whole(share: float) -> str:
+def _whole_percent(share: float) -> str:
     """A share in whole per cent; with a decimal where rounding alone would give 0 or 100."""
-    whole = round(100 * share)
-    return f"{100 * share:.1f}" if whole in (0, 100) and whole != 100 * share else str(whole)
+    percent = round(100 * share)
+    return f"{100 * share:.1f}" if percent in (0, 100) and percent != 100 * share else str(percent)
 
 
 def _svg(figure: Figure, axes: Axes) -> str:
     handles, labels = axes.get_legend_handles_labels()
-    named = dict(sorted(zip(labels, handles, strict=True), key=itemgetter(0)))
-    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=3, fontsize=9)
+    handle_by_label = dict(sorted(zip(labels, handles, strict=True), key=itemgetter(0)))
+    figure.legend(
+        handle_by_label.values(), handle_by_label.keys(), loc="outside upper left", ncols=3, fontsize=9
+    )
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()
-    for variable, colour in VARIABLES.items():
+    for variable, colour in COLOUR_VARIABLES.items():
         text = text.replace(colour, f"var(--{variable})")
     return text[text.index("<svg") :]

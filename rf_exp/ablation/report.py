@@ -20,28 +20,28 @@ from rf_exp.ablation.page import Panel, Section
 from rf_exp.ablation.results import FILM, PICTURE, Results, load, rollout_file
 from rf_exp.ablation.rows import EvaluationRow, grouped
 from rf_exp.ablation.tables import build
-from rf_exp.ablation.tables.counting import ours, trial, unvaried
-from rf_exp.ablation.tables.known import Suite, paper, title_of
+from rf_exp.ablation.tables.counting import without_final, without_foreign, without_variation
+from rf_exp.ablation.tables.inputs import Suite, paper, title_of
 from rf_exp.ablation.tables.table import Table
-from rf_exp.artifacts import code, installed, read_json, write_text
+from rf_exp.artifacts import code_version, package_versions, read_json, write_text
 from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
 from rf_exp.types import CONTROL_DT_S, FOREIGN, UNVARIED
 
-REASONS = 30  # most in one report; further ones are counted
+MAX_REASONS = 30  # most in one report; further ones are counted
 PACKAGES = (
     *("rf_exp", "mani-skill", "sapien", "torch", "diffusers", "hydra-core", "numpy", "zarr", "pin", "coal"),
     *("toppra", "rerun-sdk"),
 )
-PICTURES, CURVES, RECORDINGS = 24, 24, 40  # most in one report; further ones are counted
-ROLLOUTS = 32  # most in one report, shared by the tasks
+MAX_PICTURES, MAX_CURVES, MAX_RECORDINGS = 24, 24, 40  # most in one report; further ones are counted
+MAX_ROLLOUTS = 32  # most in one report, shared by the tasks
 PICTURE_WIDTH, FRAME_WIDTH = 720, 240  # pixels
-STRIP = 4  # frames of a demonstration
-JUDGED = (
+STRIP_FRAMES = 4  # frames of a demonstration
+ROBUSTNESS_LEAD = (
     "What was executed, judged in signal temporal logic: the margin left where it was least, for each unit. "
     "Below zero it is a violation."
 )
-UNJUDGED = "needs rtamt: pip install 'rf_exp[stl]', and make the demonstration again"
+RTAMT_MISSING = "needs rtamt: pip install 'rf_exp[stl]', and make the demonstration again"
 
 
 def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
@@ -51,13 +51,13 @@ def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
     tables and its path. Raises StageError when something cannot be written.
     """
     results = load(out)
-    built = build(results, suite)
-    for table in built.values():
+    tables = build(results, suite)
+    for table in tables.values():
         write(table, out / "tables")
-    compared = built["comparison"]
+    comparison = tables["comparison"]
     sections = [
         _summary(results),
-        *(_table(table) for table in built.values() if table is not compared and table.lines),
+        *(_table(table) for table in tables.values() if table is not comparison and table.lines),
         _policy_failures(results, suite),
         _rollouts(out, results, suite),
         _failures(results, suite),
@@ -65,7 +65,7 @@ def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
         _data(out),
         margins(out, suite),
         _pictures(out, results),
-        Section(compared.name, compared.title, table=page.laid(compared)),
+        Section(comparison.name, comparison.title, table=page.layout(comparison)),
         _recordings(out),
         _provenance(out, results),
     ]
@@ -74,101 +74,101 @@ def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
         write_text(path, page.document("RoboFactory experiments", paper().source, sections))
     except OSError as error:
         raise StageError(f"cannot write the report to {path}: {error.strerror or error}") from error
-    return built, path
+    return tables, path
 
 
 def _summary(results: Results) -> Section:
     tiles: list[tuple[str, str]] = []
-    if tried := len(results.generation):
-        made = sum(row.success for row in results.generation)
+    if attempts := len(results.generation):
+        succeeded = sum(row.success for row in results.generation)
         hours = sum(row.wall_s for row in results.generation) / 3600
-        words = "scene seeds gave a demonstration, all rows of constraints together"
-        tiles.append((f"{made} of {tried}", words))
+        caption = "scene seeds gave a demonstration, all rows of constraints together"
+        tiles.append((f"{succeeded} of {attempts}", caption))
         if hours:
-            tiles.append((f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
-    own = unvaried(trial(ours(results))).evaluation
+            tiles.append((f"{succeeded / hours:,.0f}", "demonstrations an hour of one worker's time"))
+    own = without_variation(without_final(without_foreign(results))).evaluation
     for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
         if rows := [row for row in own if row.shield is shield]:
             policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
-            acted = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
+            policy_count = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
             won, violated = sum(r.success for r in rows), sum(r.violations > 0 for r in rows)
-            tiles.append((f"{won} of {len(rows)}", f"{kind} of {acted} succeeded"))
+            tiles.append((f"{won} of {len(rows)}", f"{kind} of {policy_count} succeeded"))
             tiles.append((f"{violated} of {len(rows)}", f"{kind} had a violation: arms touched"))
     if varied := [row for row in results.evaluation if row.variation != UNVARIED]:
         won = sum(row.success for row in varied)
         tiles.append((f"{won} of {len(varied)}", "rollouts in scenes that vary succeeded"))
     tasks = {row.task for row in (*results.generation, *results.evaluation)}
     tiles.append((str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
-    command = "" if tried or results.evaluation else "python -m rf_exp.run"
+    command = "" if attempts or results.evaluation else "python -m rf_exp.run"
     return Section("summary", "Summary", command, tuple(tiles), notes=results.notes)
 
 
 def _table(table: Table) -> Section:
     if table.name == "benchmark":
         first = table.cell(table.lines[0].key, "recipe")  # the table `recipes` plots the others
-        drawn = [
+        plotted = [
             (line.title, plots.over_demos(line, table.columns, f"{table.name}-{line.key}"))
             for line in table.lines
-            if not line.average and plots.measured(line.cells)
+            if not line.average and plots.has_values(line.cells)
             if table.cell(line.key, "recipe") == first
         ]
     elif table.name == "robustness":
-        drawn = plots.maps(table)
+        plotted = plots.success_maps(table)
     elif table.name == "tasks":
-        drawn = []  # its figures are plotted with the other tables
+        plotted = []  # its figures are plotted with the other tables
     else:
-        drawn = plots.panels(table)
-    panels = tuple(Panel(title, svg) for title, svg in drawn)
-    return Section(table.name, table.title, table=page.laid(table), panels=panels)
+        plotted = plots.panels(table)
+    panels = tuple(Panel(title, svg) for title, svg in plotted)
+    return Section(table.name, table.title, table=page.layout(table), panels=panels)
 
 
 def _policy_failures(results: Results, suite: Suite) -> Section:
     """Section of the failures of each policy, counted by kind."""
     kinds: Counter[tuple[str, ...]] = Counter()
-    tried: Counter[tuple[str, ...]] = Counter()
+    attempts: Counter[tuple[str, ...]] = Counter()
     scenes: dict[tuple[str, ...], int] = {}
     for row in results.evaluation:
         policy = (row.task, row.arch, learnt_from(row))
-        tried[policy] += 1
+        attempts[policy] += 1
         if not row.success:
             kind = (*policy, row.account.kind)
             kinds[kind] += 1
             scenes[kind] = min(row.scene_seed, scenes.get(kind, row.scene_seed))
-    common = sorted(kinds, key=lambda kind: (-kinds[kind] / tried[kind[:3]], kind))[:REASONS]
+    most_common = sorted(kinds, key=lambda kind: (-kinds[kind] / attempts[kind[:3]], kind))[:MAX_REASONS]
     lines = [
-        (title_of(kind[0], suite), *kind[1:], f"{kinds[kind]} of {tried[kind[:3]]}", str(scenes[kind]))
-        for kind in sorted(common, key=lambda kind: (kind[:3], -kinds[kind], kind))
+        (title_of(kind[0], suite), *kind[1:], f"{kinds[kind]} of {attempts[kind[:3]]}", str(scenes[kind]))
+        for kind in sorted(most_common, key=lambda kind: (kind[:3], -kinds[kind], kind))
     ]
-    rest = len(kinds) - len(lines)
+    omitted = len(kinds) - len(lines)
     return Section(
         "policies",
         "Why policies failed",
         lead="Conditions of success that did not hold at the end, and what happened before.",
         titles=("Task", "Architecture", "Learnt from", "What failed", "Scenes", "First scene"),
         rows=lines,
-        notes=(f"{rest} rarer kinds are in the result rows.",) if rest else (),
+        notes=(f"{omitted} rarer kinds are in the result rows.",) if omitted else (),
     )
 
 
 def _failures(results: Results, suite: Suite) -> Section:
     reasons: Counter[tuple[str, str, str]] = Counter()
-    tried: Counter[tuple[str, str]] = Counter()
+    attempts: Counter[tuple[str, str]] = Counter()
     for row in results.generation:
-        made = row.task, row.constraints + f", in {row.variation}" * (row.variation != UNVARIED)
-        tried[made] += 1
+        condition = row.task, row.constraints + f", in {row.variation}" * (row.variation != UNVARIED)
+        attempts[condition] += 1
         if not row.success:
-            reasons[(*made, row.account.kind)] += 1
+            reasons[(*condition, row.account.kind)] += 1
     lines = [
-        (title_of(task, suite), constraints, reason, f"{count} of {tried[task, constraints]}")
-        for (task, constraints, reason), count in reasons.most_common(REASONS)
+        (title_of(task, suite), constraints, reason, f"{count} of {attempts[task, constraints]}")
+        for (task, constraints, reason), count in reasons.most_common(MAX_REASONS)
     ]
-    rest = len(reasons) - len(lines)
+    omitted = len(reasons) - len(lines)
     return Section(
         "failures",
         "Why attempts failed",
         titles=("Task", "Constraints", "Reason", "Seeds"),
         rows=lines,
-        notes=(f"{rest} rarer reasons are in the result rows.",) if rest else (),
+        notes=(f"{omitted} rarer reasons are in the result rows.",) if omitted else (),
     )
 
 
@@ -187,24 +187,24 @@ def learnt_from(row: EvaluationRow) -> str:
 def _rollouts(out: Path, results: Results, suite: Suite) -> Section:
     """Section of films with a picture of the last moment, some of each task, failures first."""
     ordered = sorted(results.evaluation, key=lambda row: (row.success, *map(str, row.identity)))
-    pictured = (row for row in ordered if (out / rollout_file(row, PICTURE)).exists())
-    by_task = grouped(pictured, lambda row: row.task)
-    drawn, notes = [], []
+    with_picture = (row for row in ordered if (out / rollout_file(row, PICTURE)).exists())
+    by_task = grouped(with_picture, lambda row: row.task)
+    panels, notes = [], []
     for task, rows in sorted(by_task.items()):
-        share = max(2, ROLLOUTS // len(by_task))
-        won = [row for row in rows if row.success][: share // 2]
-        for row in (*[row for row in rows if not row.success][: share - len(won)], *won):
+        share = max(2, MAX_ROLLOUTS // len(by_task))
+        successes = [row for row in rows if row.success][: share // 2]
+        for row in (*[row for row in rows if not row.success][: share - len(successes)], *successes):
             try:
-                drawn.append(_rollout_panel(out, row, suite))
+                panels.append(_rollout_panel(out, row, suite))
             except OSError as error:
                 notes.append(f"{out / rollout_file(row, PICTURE)}: no picture: {error}")
         notes += [f"{task}: {len(rows) - share} more are below recordings/."] if len(rows) > share else []
     lead = (
-        "The last moment of each. A ring in a view is where a policy sees its agent go next, dots are what "
-        "else it sees."
+        "The last moment of each. A ring in a view marks where a policy detects the next goal of its agent, "
+        "dots mark its other detected keypoints."
     )
     return Section(
-        "rollouts", "Rollouts", lead=lead if drawn else "", panels=tuple(drawn), notes=tuple(notes)
+        "rollouts", "Rollouts", lead=lead if panels else "", panels=tuple(panels), notes=tuple(notes)
     )
 
 
@@ -226,8 +226,8 @@ def _curves(out: Path) -> Section:
         return Panel(name, plots.curves(plots.read_curves(path), name))
 
     files = sorted((out / "policies").rglob("curves.csv"))
-    drawn, notes = _drawn(files, draw, CURVES, "policies/", "cannot be drawn")
-    return Section("training", "Training curves", panels=drawn, notes=notes)
+    panels, notes = _draw_panels(files, draw, MAX_CURVES, "policies/", "cannot be drawn")
+    return Section("training", "Training curves", panels=panels, notes=notes)
 
 
 def _pictures(out: Path, results: Results) -> Section:
@@ -237,42 +237,42 @@ def _pictures(out: Path, results: Results) -> Section:
         with Image.open(path) as image:
             return Panel(path.relative_to(out).as_posix(), picture=_image(image, PICTURE_WIDTH))
 
-    shown = {out / rollout_file(row, PICTURE) for row in results.evaluation}
-    files = sorted({*(out / "recordings").rglob("*.png")} - shown)
-    drawn, notes = _drawn(files, draw, PICTURES, "recordings/", "no picture")
-    return Section("pictures", "Pictures", panels=drawn, notes=notes)
+    excluded = {out / rollout_file(row, PICTURE) for row in results.evaluation}
+    files = sorted({*(out / "recordings").rglob("*.png")} - excluded)
+    panels, notes = _draw_panels(files, draw, MAX_PICTURES, "recordings/", "no picture")
+    return Section("pictures", "Pictures", panels=panels, notes=notes)
 
 
-def _drawn(
-    files: Sequence[Path], draw: Callable[[Path], Panel], most: int, folder: str, failed: str
+def _draw_panels(
+    files: Sequence[Path], draw: Callable[[Path], Panel], limit: int, folder: str, failed: str
 ) -> tuple[tuple[Panel, ...], tuple[str, ...]]:
     """Panels of the first files, and notes about files that cannot be drawn or are left out."""
-    drawn, notes = [], []
-    for path in files[:most]:
+    panels, notes = [], []
+    for path in files[:limit]:
         try:
-            drawn.append(draw(path))
+            panels.append(draw(path))
         except (ValueError, OSError) as error:
             notes.append(f"{path}: {failed}: {error}")
-    notes += [f"{len(files) - most} more are below {folder}."] if len(files) > most else []
-    return tuple(drawn), tuple(notes)
+    notes += [f"{len(files) - limit} more are below {folder}."] if len(files) > limit else []
+    return tuple(panels), tuple(notes)
 
 
 def _data(out: Path) -> Section:
     """Section of the data sets, with frames of the first episode of each."""
-    drawn, notes = [], []
+    panels, notes = [], []
     for path in sorted((out / "data").glob("*/*/*.zarr")):
         try:
             store = Store.open(path)
             frames: tuple[str, ...] = ()
             if len(store) and "global" in store.cameras:
-                steps = np.linspace(0, store.episode_ends[0] - 1, STRIP).round().astype(int)
+                steps = np.linspace(0, store.episode_ends[0] - 1, STRIP_FRAMES).round().astype(int)
                 pictures = (Image.fromarray(np.asarray(store.images["global"][int(step)])) for step in steps)
                 frames = tuple(_image(picture, FRAME_WIDTH) for picture in pictures)
             text = f"{len(store)} episodes, {store.steps} control steps, {len(store.cameras)} cameras"
-            drawn.append(Panel(path.relative_to(out / "data").as_posix(), strip=frames, caption=text))
+            panels.append(Panel(path.relative_to(out / "data").as_posix(), strip=frames, caption=text))
         except RfError as error:
             notes.append(str(error))
-    return Section("data", "Demonstrations", panels=tuple(drawn), notes=tuple(notes))
+    return Section("data", "Demonstrations", panels=tuple(panels), notes=tuple(notes))
 
 
 def margins(out: Path, suite: Suite) -> Section:
@@ -286,39 +286,39 @@ def margins(out: Path, suite: Suite) -> Section:
         task, _, scene = path.stem.rpartition("-")
         try:
             plans = read_json(path, "make the demonstration again")["stl"]
-            found = list(_least([check for plan in plans for check in plan["checks"]]))
+            smallest = list(_smallest_margins([check for plan in plans for check in plan["checks"]]))
         except (StageError, KeyError, TypeError, OSError) as error:
             notes.append(f"{path}: cannot be read: {error!r}")
             continue
-        lines += [(title_of(task, suite), scene, *each) for each in found]
+        lines += [(title_of(task, suite), scene, *each) for each in smallest]
     return Section(
         "margins",
         "Robustness of demonstrations",
-        lead=JUDGED if lines else "",
+        lead=ROBUSTNESS_LEAD if lines else "",
         titles=("Task", "Scene", "Constraints judged", "Least robustness", "Of the formula"),
         rows=lines,
         notes=tuple(notes),
     )
 
 
-def _least(checks: list[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
+def _smallest_margins(checks: list[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
     """Yields for each unit the number of judged constraints, the least robustness, and its formula."""
     formulas = [(check["check"], formula) for check in checks for formula in check["formulas"]]
     if formulas and all(formula["holds"] is None for _, formula in formulas):
-        yield "none", UNJUDGED, ""
+        yield "none", RTAMT_MISSING, ""
         return
     judged = [(name, formula) for name, formula in formulas if formula["robustness"] is not None]
     for unit in sorted({formula["unit"] for _, formula in judged}):
         of_unit = [(name, formula) for name, formula in judged if formula["unit"] == unit]
-        name, least = min(of_unit, key=lambda each: each[1]["robustness"])
+        name, smallest = min(of_unit, key=lambda each: each[1]["robustness"])
         constraints = len({name for name, _ in of_unit})
-        yield str(constraints), f"{least['robustness']:.3g} {unit}", f"{name}: {least['stl']}"
+        yield str(constraints), f"{smallest['robustness']:.3g} {unit}", f"{name}: {smallest['stl']}"
 
 
 def _recordings(out: Path) -> Section:
     files = [path.as_posix() for path in sorted((out / "recordings").rglob("*.rrd"))]
-    more = (f"{len(files) - RECORDINGS} more.",) if len(files) > RECORDINGS else ()
-    return Section("recordings", "Recordings", recordings=tuple(files[:RECORDINGS]), notes=more)
+    note = (f"{len(files) - MAX_RECORDINGS} more.",) if len(files) > MAX_RECORDINGS else ()
+    return Section("recordings", "Recordings", recordings=tuple(files[:MAX_RECORDINGS]), notes=note)
 
 
 def _provenance(out: Path, results: Results) -> Section:
@@ -326,13 +326,13 @@ def _provenance(out: Path, results: Results) -> Section:
     criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
     facts = (
         ("Written", datetime.now().astimezone().isoformat(" ", "seconds")),
-        ("Code", code()),
+        ("Code", code_version()),
         ("Success criteria", criteria or "no rows"),
-        ("Packages", ", ".join(f"{name} {version}" for name, version in installed(PACKAGES).items())),
+        ("Packages", ", ".join(f"{name} {version}" for name, version in package_versions(PACKAGES).items())),
         ("Machine", f"{platform.platform()}, {platform.machine()}"),
         ("Made again by", f"python -m rf_exp.ablation --out {out.as_posix()}"),
     )
-    made = {
+    files = {
         path.relative_to(out).as_posix(): path.read_text("utf-8", "replace")
         for path in sorted((out / "runs").rglob(".hydra/config.yaml"))[-3:]
     }
@@ -341,8 +341,8 @@ def _provenance(out: Path, results: Results) -> Section:
             attributes = json.loads(path.read_text("utf-8"))["attributes"]
         except (ValueError, KeyError, OSError):
             continue  # a damaged store is reported with the data
-        made[path.parent.relative_to(out).as_posix()] = json.dumps(attributes, indent=1)
-    return Section("provenance", "Provenance", titles=("", ""), rows=facts, folded=tuple(made.items()))
+        files[path.parent.relative_to(out).as_posix()] = json.dumps(attributes, indent=1)
+    return Section("provenance", "Provenance", titles=("", ""), rows=facts, collapsed=tuple(files.items()))
 
 
 def _image(image: Image.Image, width: int) -> str:

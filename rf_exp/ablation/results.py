@@ -27,7 +27,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Generic
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, R, expect_schema, read_lines_of, restored_parts
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, R, expect_schema, read_jsonl, restore_parts
 from rf_exp.artifacts import plain, restored, write_text
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account, Dialogue
@@ -84,7 +84,7 @@ def load(out: Path) -> Results:
     notes: list[str] = []
 
     def gather(kind: type[R], pattern: str) -> tuple[R, ...]:
-        found: dict[tuple[object, ...], R] = {}
+        latest: dict[tuple[object, ...], R] = {}
         for path in sorted((out / "results").glob(pattern)):
             if path.suffix not in (".jsonl", PUBLISHED):
                 continue
@@ -93,12 +93,12 @@ def load(out: Path) -> Results:
             if path.suffix == PUBLISHED and SHIELDED in path.stem:
                 _expect_same_policies(path, path.with_name(path.name.replace(SHIELDED, "")))
             for row in rows:
-                before = found.pop(row.identity, None)
-                if before and (before.success, before.steps) != (row.success, row.steps):
-                    what = ", ".join(f"{name} {getattr(row, name)}" for name in row.key)
-                    notes.append(f"{path}: repeated with another result, the last one counts: {what}")
-                found[row.identity] = row
-        return tuple(found.values())
+                earlier = latest.pop(row.identity, None)
+                if earlier and (earlier.success, earlier.steps) != (row.success, row.steps):
+                    attempt = ", ".join(f"{name} {getattr(row, name)}" for name in row.key)
+                    notes.append(f"{path}: repeated with another result, the last one counts: {attempt}")
+                latest[row.identity] = row
+        return tuple(latest.values())
 
     generation = gather(GenerationRow, "generate/*/*")
     return Results(generation, gather(EvaluationRow, "evaluate/*/*/*"), tuple(notes))
@@ -108,9 +108,11 @@ def _expect_same_policies(shielded: Path, without: Path) -> None:
     """Raises StageError where published rows with and without a shield are of different weights."""
     if not without.exists():
         return
-    made, others = (read_published(path, EvaluationRow).made for path in (shielded, without))
-    for seed in {*made} & {*others}:
-        if made[seed].get("weights") != others[seed].get("weights"):
+    provenances, other_provenances = (
+        read_published(path, EvaluationRow).made for path in (shielded, without)
+    )
+    for seed in {*provenances} & {*other_provenances}:
+        if provenances[seed].get("weights") != other_provenances[seed].get("weights"):
             raise StageError(
                 f"{shielded} is of other policies than {without} (training seed {seed}): evaluate those with "
                 "shield=true and publish their rows, or remove it"
@@ -119,7 +121,7 @@ def _expect_same_policies(shielded: Path, without: Path) -> None:
 
 def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
     """The rows of a file, and a note about an unfinished last line, or ""."""
-    return (read_published(path, kind).rows, "") if path.suffix == PUBLISHED else read_lines_of(path, kind)
+    return (read_published(path, kind).rows, "") if path.suffix == PUBLISHED else read_jsonl(path, kind)
 
 
 def rows_file(
@@ -132,11 +134,11 @@ def rows_file(
     variation: str = UNVARIED,
 ) -> Path:
     """The file of rows, below the output folder, of policies of all training seeds in varied scenes."""
-    name = f"{constraints}-{recipe}-{demos}{_how(shield, variation)}.jsonl"
+    name = f"{constraints}-{recipe}-{demos}{_suffix(shield, variation)}.jsonl"
     return Path("results", "evaluate", task, arch, name)
 
 
-def of_training_seed(rows: Path, seed: int) -> Path:
+def training_seed_file(rows: Path, seed: int) -> Path:
     """The path of a file about one training seed, beside the file of rows of all seeds."""
     return rows.with_name(f"{rows.stem}-{seed}{rows.suffix}")
 
@@ -146,47 +148,52 @@ def rollout_name(
 ) -> str:
     """The beginning of names of files about a policy's rollouts; `-<scene seed>` follows."""
     seed = f"-t{train_seed}" if train_seed else ""
-    return f"evaluate-{arch}-{recipe}-{demos}{seed}{_how(shield, variation)}"
+    return f"evaluate-{arch}-{recipe}-{demos}{seed}{_suffix(shield, variation)}"
 
 
-def _how(shield: bool, variation: str) -> str:
+def _suffix(shield: bool, variation: str) -> str:
     return SHIELDED * shield + ("" if variation == UNVARIED else f"-in-{variation}")
 
 
 def rollout_file(row: EvaluationRow, suffix: str) -> Path:
     """The file about a rollout, below the output folder."""
-    how = row.demos, row.train_seed, row.shield, row.variation
-    name = rollout_name(row.arch, row.recipe, *how)
+    parts = row.demos, row.train_seed, row.shield, row.variation
+    name = rollout_name(row.arch, row.recipe, *parts)
     return Path("recordings", row.task, row.constraints, f"{name}-{row.scene_seed}{suffix}")
 
 
-def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
+def seeds_to_film(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
     """Scene seeds of the first `count` successes and of as many failures, of different kinds first."""
     ordered = sorted(rows, key=lambda row: row.scene_seed)
-    won = [row.scene_seed for row in ordered if row.success]
-    lost = [row for row in ordered if not row.success and row.steps]  # without steps there is nothing to see
-    kinds = {row.account.kind: row.scene_seed for row in reversed(lost)}
+    successes = [row.scene_seed for row in ordered if row.success]
+    failures = [
+        row for row in ordered if not row.success and row.steps
+    ]  # without steps there is nothing to see
+    kinds = {row.account.kind: row.scene_seed for row in reversed(failures)}
     first = sorted(kinds.values())
-    others = [row.scene_seed for row in lost if row.scene_seed not in first]
-    return (*won[:count], *[*first, *others][:count])
+    others = [row.scene_seed for row in failures if row.scene_seed not in first]
+    return (*successes[:count], *[*first, *others][:count])
 
 
 def write_published(path: Path, published: Published[Any]) -> None:
     """Writes a published file of at least one row, whole. Raises OSError where it cannot be written."""
     kind = type(published.rows[0])
-    rows = [{each.name: _brief(getattr(row, each.name)) for each in fields(kind)} for row in published.rows]
+    rows = [
+        {each.name: _without_defaults(getattr(row, each.name)) for each in fields(kind)}
+        for row in published.rows
+    ]
     constant = {name: value for name, value in _shared(rows).items() if name not in SEEDS}
     shared = _shared([*published.made.values()])
-    said = {"constant": constant, "asked": published.asked, "made": shared}
-    said = {name: value for name, value in said.items() if value}
+    header = {"constant": constant, "asked": published.asked, "made": shared}
+    header = {name: value for name, value in header.items() if value}
     for seed, made in published.made.items():
-        said[f"made.{seed}"] = {name: value for name, value in made.items() if name not in shared}
-    said |= {f"curves.{seed}": curves for seed, curves in published.curves.items()}
+        header[f"made.{seed}"] = {name: value for name, value in made.items() if name not in shared}
+    header |= {f"curves.{seed}": curves for seed, curves in published.curves.items()}
     columns = [name for name in rows[0] if name not in constant]
-    lines = [f"# {name}: {json.dumps(value)}" for name, value in said.items()]
+    lines = [f"# {name}: {json.dumps(value)}" for name, value in header.items()]
     lines += ["\t".join(columns), *("\t".join(_cell(row[name]) for name in columns) for row in rows)]
     below = "\n".join([*lines, ""])
-    write_text(path, f"{_seal(kind, below.encode())}\n{below}")
+    write_text(path, f"{_checksum_line(kind, below.encode())}\n{below}")
 
 
 def read_published(path: Path, kind: type[R]) -> Published[R]:
@@ -196,57 +203,61 @@ def read_published(path: Path, kind: type[R]) -> Published[R]:
     except OSError as error:
         raise StageError(f"cannot read result rows from {path}: {error.strerror or error}") from error
     try:
-        if (said := first.decode(errors="replace")) != (sealed := _seal(kind, below)):
-            raise ValueError(f"damaged or edited: it begins with {said[:100]!r}; expected {sealed!r}")
-        return _parsed(below.decode(), kind)
+        if (line := first.decode(errors="replace")) != (sealed := _checksum_line(kind, below)):
+            raise ValueError(f"damaged or edited: it begins with {line[:100]!r}; expected {sealed!r}")
+        return _parse_published(below.decode(), kind)
     except (ValueError, ArgumentError) as error:
         raise StageError(f"{path}: no published {kind.__name__}s: {error}; {RESTORE}") from error
 
 
-def _seal(kind: type, below: bytes) -> str:
+def _checksum_line(kind: type, below: bytes) -> str:
     """The first line of a published file, with the checksum of all bytes below it."""
     return f'# rows: {{"kind": "{kind.__name__}", "crc32": "{zlib.crc32(below):08x}"}}'
 
 
-def _parsed(below: str, kind: type[R]) -> Published[R]:
+def _parse_published(below: str, kind: type[R]) -> Published[R]:
     lines = below.split("\n")
-    said = {}
+    header = {}
     while lines[0].startswith("# "):
         name, _, value = lines.pop(0)[2:].partition(": ")
-        said[name] = json.loads(value)
-    constant = said["constant"]
+        header[name] = json.loads(value)
+    constant = header["constant"]
     expect_schema(constant)
-    constant |= restored_parts(constant)
+    constant |= restore_parts(constant)
     columns, *table = (line.split("\t") for line in lines[:-1])
     readers = [_READERS[each.type] for name in columns for each in fields(kind) if each.name == name]
     rows = []
     for line in table:
-        own = {name: read(cell) for name, read, cell in zip(columns, readers, line, strict=True)}
-        rows.append(kind(**constant, **own))
-    made = {seed: said.get("made", {}) | own for seed, own in _by_seed(said, "made").items()}
-    return Published(tuple(rows), said.get("asked", {}), made, _by_seed(said, "curves"))
+        values = {name: read(cell) for name, read, cell in zip(columns, readers, line, strict=True)}
+        rows.append(kind(**constant, **values))
+    provenances = {seed: header.get("made", {}) | values for seed, values in _by_seed(header, "made").items()}
+    return Published(tuple(rows), header.get("asked", {}), provenances, _by_seed(header, "curves"))
 
 
-def _by_seed(said: Mapping[str, Any], what: str) -> dict[int, Any]:
-    begin = f"{what}."
-    return {int(name.removeprefix(begin)): said[name] for name in said if name.startswith(begin)}
+def _by_seed(header: Mapping[str, Any], name_part: str) -> dict[int, Any]:
+    prefix = f"{name_part}."
+    return {int(name.removeprefix(prefix)): header[name] for name in header if name.startswith(prefix)}
 
 
-def _shared(several: Collection[Mapping[str, Any]]) -> dict[str, Any]:
-    first = next(iter(several), {})
-    return {name: value for name, value in first.items() if all(each.get(name) == value for each in several)}
+def _shared(mappings: Collection[Mapping[str, Any]]) -> dict[str, Any]:
+    first = next(iter(mappings), {})
+    return {name: value for name, value in first.items() if all(each.get(name) == value for each in mappings)}
 
 
-def _brief(value: object) -> Any:
+def _without_defaults(value: object) -> Any:
     """A value as plain values; dataclasses without the fields that have their defaults."""
     if is_dataclass(value):
-        said = {each.name: (each, getattr(value, each.name)) for each in fields(value)}
-        return {name: _brief(it) for name, (each, it) in said.items() if it != _default(each)}
-    return [_brief(each) for each in value] if isinstance(value, tuple) else plain(value)
+        values = {each.name: (each, getattr(value, each.name)) for each in fields(value)}
+        return {
+            name: _without_defaults(content)
+            for name, (each, content) in values.items()
+            if content != _default(each)
+        }
+    return [_without_defaults(each) for each in value] if isinstance(value, tuple) else plain(value)
 
 
-def _default(of: Field[Any]) -> object:
-    return of.default if of.default_factory is MISSING else of.default_factory()
+def _default(spec: Field[Any]) -> object:
+    return spec.default if spec.default_factory is MISSING else spec.default_factory()
 
 
 def _cell(value: object) -> str:

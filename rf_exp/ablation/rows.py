@@ -162,8 +162,8 @@ class EvaluationRow(_Row):
     @property
     def learned_on(self) -> str:
         """The variation of the demonstrations, from the name of the recipe: RECIPE+VARIATION+daggerROUNDS."""
-        named = [part for part in self.recipe.split("+")[1:] if not _ROUNDS.fullmatch(part)]
-        return "+".join(named) if named and self.arch != FOREIGN.name else UNVARIED
+        variations = [part for part in self.recipe.split("+")[1:] if not _ROUNDS.fullmatch(part)]
+        return "+".join(variations) if variations and self.arch != FOREIGN.name else UNVARIED
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
@@ -191,7 +191,7 @@ def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
         ) from error
 
 
-def read_lines_of(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
+def read_jsonl(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
     """The rows of a .jsonl file, in their order, and a note about an unfinished last line, or "".
 
     Raises StageError naming file and line of a bad row.
@@ -222,9 +222,9 @@ def newest(rows: Iterable[R]) -> tuple[tuple[R, ...], str]:
     if not by_version:
         return (), ""
     latest = max(by_version, key=_version_order)
-    rest = sorted(by_version.keys() - {latest}, key=_version_order)
-    listed = ", ".join(f"{len(by_version[version])} of version {version}" for version in rest)
-    note = f"criteria version {latest}; left out: {listed}" if rest else ""
+    older = sorted(by_version.keys() - {latest}, key=_version_order)
+    listed = ", ".join(f"{len(by_version[version])} of version {version}" for version in older)
+    note = f"criteria version {latest}; left out: {listed}" if older else ""
     return tuple(by_version[latest]), note
 
 
@@ -249,26 +249,26 @@ def _parse(line: bytes, kind: type[R]) -> R:
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
         raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")
-    said = value.pop(CHECKSUM)
-    if said != (found := _checksum(value)):
-        raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
-    return row_of(value, kind)
+    recorded = value.pop(CHECKSUM)
+    if recorded != (computed := _checksum(value)):
+        raise ValueError(f"damaged or edited: its checksum is {computed}, it says {recorded!r}")
+    return restore_row(value, kind)
 
 
-def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
+def restore_row(values: Mapping[str, Any], kind: type[R]) -> R:
     """The row of plain values, with or without `reason`.
 
     Raises ArgumentError for values of another schema or another kind of row.
     """
     expect_schema(values)
-    known = {name: value for name, value in values.items() if name != REASON}
-    if not isinstance(known.get("account"), dict):
-        raise ArgumentError(f"account is {known.get('account')!r}; expected an object")
-    parts = restored_parts(known)
-    return kind(**known, **parts)
+    fields_only = {name: value for name, value in values.items() if name != REASON}
+    if not isinstance(fields_only.get("account"), dict):
+        raise ArgumentError(f"account is {fields_only.get('account')!r}; expected an object")
+    parts = restore_parts(fields_only)
+    return kind(**fields_only, **parts)
 
 
-def restored_parts(values: dict[str, Any]) -> dict[str, Any]:
+def restore_parts(values: dict[str, Any]) -> dict[str, Any]:
     """The accounts and dialogues among plain values of a row, removed from `values`."""
     kinds = {"account": Account, "dialogue": Dialogue}
     return {name: restored(kind, values.pop(name)) for name, kind in kinds.items() if name in values}

@@ -42,10 +42,10 @@ def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> Estimate:
         raise ArgumentError(
             f"rate of {successes} successes in {n} trials; expected 0 <= successes <= n and n > 0"
         )
-    found = binomtest(successes, n).proportion_ci(confidence, method="wilson")
+    interval = binomtest(successes, n).proportion_ci(confidence, method="wilson")
     # Exact at the ends, where rounding could leave 1e-17.
-    low = 0.0 if successes == 0 else float(found.low)
-    high = 1.0 if successes == n else float(found.high)
+    low = 0.0 if successes == 0 else float(interval.low)
+    high = 1.0 if successes == n else float(interval.high)
     return Estimate(successes / n, low, high, n)
 
 
@@ -79,19 +79,19 @@ def paired(pairs: Sequence[tuple[bool, bool]]) -> Paired:
         raise ArgumentError("a paired difference without pairs; expected at least one scene tried both ways")
     n = len(pairs)
     both = sum(a and b for a, b in pairs)
-    first, second = sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)
-    one, other = wilson(both + first, n), wilson(both + second, n)
-    along = _correlation(both, first, second, n - both - first - second)
-    below, above = one.value - one.low, one.high - one.value
-    other_below, other_above = other.value - other.low, other.high - other.value
-    gap = (first - second) / n
+    only_first, only_second = sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)
+    first_rate, second_rate = wilson(both + only_first, n), wilson(both + only_second, n)
+    correlation = _correlation(both, only_first, only_second, n - both - only_first - only_second)
+    first_below, first_above = first_rate.value - first_rate.low, first_rate.high - first_rate.value
+    second_below, second_above = second_rate.value - second_rate.low, second_rate.high - second_rate.value
+    gap = (only_first - only_second) / n
 
     def hypotenuse(a: float, b: float) -> float:
-        return sqrt(max(a * a - 2 * along * a * b + b * b, 0.0))
+        return sqrt(max(a * a - 2 * correlation * a * b + b * b, 0.0))
 
-    low, high = gap - hypotenuse(below, other_above), gap + hypotenuse(above, other_below)
-    differ = first + second
-    p = float(binomtest(first, differ).pvalue) if differ else 1.0
+    low, high = gap - hypotenuse(first_below, second_above), gap + hypotenuse(first_above, second_below)
+    differ = only_first + only_second
+    p = float(binomtest(only_first, differ).pvalue) if differ else 1.0
     return Paired(Estimate(gap, low, high, n), p)
 
 

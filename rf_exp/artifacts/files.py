@@ -25,30 +25,30 @@ from typing import Any
 from rf_exp.errors import StageError
 from rf_exp.progress import console
 
-SYNCED_AT_ONCE = 16  # files; syncing many takes little longer than one
-RANDOM = "[0-9a-f]" * 8
+SYNC_THREADS = 16  # files; syncing many takes little longer than one
+RANDOM_SUFFIX = "[0-9a-f]" * 8
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 LARGEST_JSON = 2**26  # bytes
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path) -> Iterator[Path]:
     """Yields a draft path at which to write the file or folder `path`; it is renamed when finished.
 
     An existing file is replaced, an existing folder only if empty. Temporary files may lie beside the draft
     and are removed with it. Raises OSError where nothing can be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    sweep(path.parent)
+    remove_stale_drafts(path.parent)
     folder, lock = _draft(path)
     try:
         draft = folder / path.name
         yield draft
-        written = [draft, *(each for each in draft.rglob("*") if not each.is_symlink())]
-        with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
-            list(pool.map(_to_disk, written))  # raises their errors
+        paths = [draft, *(child for child in draft.rglob("*") if not child.is_symlink())]
+        with ThreadPoolExecutor(SYNC_THREADS) as pool:
+            list(pool.map(_fsync, paths))  # raises their errors
         draft.replace(path)
-        _to_disk(path.parent)
+        _fsync(path.parent)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         os.close(lock)
@@ -56,11 +56,11 @@ def whole(path: Path) -> Iterator[Path]:
 
 def write_text(path: Path, text: str) -> None:
     """Writes a UTF-8 text file atomically. Raises OSError."""
-    with whole(path) as draft:
+    with atomic_path(path) as draft:
         draft.write_text(text, encoding="utf-8")
 
 
-def keep_text(path: Path, text: str) -> None:
+def write_text_if_changed(path: Path, text: str) -> None:
     """As `write_text`, but a file with the same text is left untouched."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         write_text(path, text)
@@ -73,8 +73,8 @@ def write_json(path: Path, value: object) -> None:
 
 def disk_full(error: BaseException) -> bool:
     """Whether an error means that the disk is full. Libraries in C and Rust report it only as text."""
-    said = getattr(error, "errno", None) in DISK_FULL
-    return said or any(os.strerror(number) in str(error) for number in DISK_FULL)
+    known_errno = getattr(error, "errno", None) in DISK_FULL
+    return known_errno or any(os.strerror(number) in str(error) for number in DISK_FULL)
 
 
 def configuration_file(artifact: Path) -> Path:
@@ -93,15 +93,15 @@ def read_json(path: Path, remedy: str) -> Any:
     try:
         return json.loads(content)
     except (ValueError, RecursionError) as error:
-        what = f"it holds no JSON: {error}" if content.strip(b"\0 \n") else "it is empty"
-        raise StageError(f"{path} is damaged: {what}; {remedy}") from error
+        problem = f"it holds no JSON: {error}" if content.strip(b"\0 \n") else "it is empty"
+        raise StageError(f"{path} is damaged: {problem}; {remedy}") from error
 
 
-def sweep(folder: Path) -> None:
+def remove_stale_drafts(folder: Path) -> None:
     """Removes drafts that killed processes left in `folder`. Those of living processes stay."""
-    for leftover in folder.glob(f".*.{RANDOM}.partial"):
+    for leftover in folder.glob(f".*.{RANDOM_SUFFIX}.partial"):
         try:
-            lock = hold_folder(leftover)
+            lock = lock_folder(leftover)
         except OSError:
             continue  # gone meanwhile
         if lock is None:
@@ -115,7 +115,7 @@ def _draft(path: Path) -> tuple[Path, int]:
         folder = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
         folder.mkdir()
         try:
-            lock = hold_folder(folder, wait=True)
+            lock = lock_folder(folder, wait=True)
         except FileNotFoundError:
             continue  # swept away before it was locked
         assert lock is not None  # it waits for the lock
@@ -124,7 +124,7 @@ def _draft(path: Path) -> tuple[Path, int]:
         os.close(lock)
 
 
-def _to_disk(path: Path) -> None:
+def _fsync(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -132,7 +132,7 @@ def _to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def hold(descriptor: int, wait: bool = False) -> bool:
+def acquire_lock(descriptor: int, wait: bool = False) -> bool:
     """Takes the lock of an open file or folder; where another process has it, waits or returns False."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -143,11 +143,11 @@ def hold(descriptor: int, wait: bool = False) -> bool:
     return True
 
 
-def hold_folder(folder: Path, wait: bool = False) -> int | None:
+def lock_folder(folder: Path, wait: bool = False) -> int | None:
     """A descriptor that holds the lock of a folder until it is closed; None where another process has it."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        if hold(descriptor, wait):
+        if acquire_lock(descriptor, wait):
             return descriptor
     except OSError:
         os.close(descriptor)
@@ -160,15 +160,17 @@ def hold_folder(folder: Path, wait: bool = False) -> int | None:
 def locked(path: Path, what: str) -> Iterator[None]:
     """Holds the lock of a file; prints a message while another process has it. Raises OSError."""
     with path.open("a+") as file:
-        if not hold(file.fileno()):
+        if not acquire_lock(file.fileno()):
             file.seek(0)
             try:
-                by = json.load(file)
-                holder = f"process {by['pid']} on {by['host']} has been at work on it since {by['since']}"
+                owner = json.load(file)
+                holder = (
+                    f"process {owner['pid']} on {owner['host']} has been at work on it since {owner['since']}"
+                )
             except (ValueError, KeyError):  # the holder has not written its name yet
                 holder = "another process is at work on it"
             console.print(f"waiting for {what}: {holder}")
-            hold(file.fileno(), wait=True)
+            acquire_lock(file.fileno(), wait=True)
         file.truncate(0)
         since = datetime.now().astimezone().isoformat(timespec="seconds")
         json.dump({"pid": os.getpid(), "host": socket.gethostname(), "since": since}, file)
@@ -183,7 +185,7 @@ def append_line(path: Path, line: bytes) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(path, "a+b", buffering=0) as file:
-        hold(file.fileno(), wait=True)
+        acquire_lock(file.fileno(), wait=True)
         size = os.fstat(file.fileno()).st_size
         if size and os.pread(file.fileno(), 1, size - 1) != b"\n":
             content = os.pread(file.fileno(), size, 0)
@@ -192,9 +194,9 @@ def append_line(path: Path, line: bytes) -> None:
                 os.ftruncate(file.fileno(), tail_start)
             else:  # complete or damaged: the reader decides
                 os.write(file.fileno(), b"\n")
-        left = memoryview(line + b"\n")
-        while left:  # a full disk may take a part; the next write raises
-            left = left[os.write(file.fileno(), left) :]
+        remaining = memoryview(line + b"\n")
+        while remaining:  # a full disk may take a part; the next write raises
+            remaining = remaining[os.write(file.fileno(), remaining) :]
         os.fsync(file.fileno())
 
 

@@ -28,7 +28,7 @@ def plain(value: object) -> Any:
     Raises ArgumentError for what JSON cannot hold, NaN and infinity included.
     """
     try:
-        return json.loads(json.dumps(value, default=_simpler, allow_nan=False))
+        return json.loads(json.dumps(value, default=_jsonable, allow_nan=False))
     except (TypeError, ValueError) as error:
         raise ArgumentError(f"an artifact is described by plain JSON values; found {error}") from error
 
@@ -88,9 +88,9 @@ def digest(value: object) -> str:
     return hashlib.sha256(canonical(plain(value), ascii=True)).hexdigest()[:16]
 
 
-def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
-    """The values but for those equal to their entry in `nothing`: unused new keys change no identity."""
-    return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
+def drop_defaults(values: Mapping[str, Any], **defaults: object) -> dict[str, Any]:
+    """The values but for those equal to their entry in `defaults`: unused new keys change no identity."""
+    return {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
 
 
 def leaves(value: Any, prefix: str = "") -> dict[str, Any]:
@@ -104,28 +104,28 @@ def leaves(value: Any, prefix: str = "") -> dict[str, Any]:
     return {prefix: value}
 
 
-def differing(found: object, wanted: object) -> tuple[str, ...]:
+def find_differences(found: object, wanted: object) -> tuple[str, ...]:
     """`key: found x, wanted y` for every leaf of two nested mappings that differs, by dotted key."""
     old, new = leaves(plain(found)), leaves(plain(wanted))
-    nothing = object()
+    missing = object()
     return tuple(
-        f"{key}: found {_text(old, key)}, wanted {_text(new, key)}"
+        f"{key}: found {_leaf_text(old, key)}, wanted {_leaf_text(new, key)}"
         for key in sorted(old.keys() | new.keys())
-        if old.get(key, nothing) != new.get(key, nothing)
+        if old.get(key, missing) != new.get(key, missing)
     )
 
 
 def expect_same(artifact: Path, found: object, wanted: object, remedy: str) -> None:
     """Raises StageError, naming the differences and ending with `remedy`, unless `found` is as `wanted`."""
-    if differences := differing(found, wanted):
+    if differences := find_differences(found, wanted):
         raise StageError(
             f"{artifact} was made from another configuration ({'; '.join(differences)}); {remedy}"
         )
 
 
-def _simpler(item: object) -> object:
+def _jsonable(item: object) -> object:
     if is_dataclass(item) and not isinstance(item, type):
-        return {each.name: getattr(item, each.name) for each in fields(item)}
+        return {field.name: getattr(item, field.name) for field in fields(item)}
     if callable(tolist := getattr(item, "tolist", None)):  # NumPy values; --help does not import NumPy
         return tolist()
     if isinstance(item, Mapping):
@@ -137,7 +137,7 @@ def _simpler(item: object) -> object:
     raise TypeError(f"a value of type {type(item).__name__}")
 
 
-def _text(leaves: Mapping[str, Any], key: str) -> str:
+def _leaf_text(leaves: Mapping[str, Any], key: str) -> str:
     return json.dumps(leaves[key], sort_keys=True) if key in leaves else "nothing"
 
 
@@ -151,23 +151,25 @@ def commit(checkout: Path = CHECKOUT) -> str:
     # Within a hook of git these variables would name another repository.
     environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
-        ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=30)
+        result = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True, timeout=30
+        )
     except (OSError, subprocess.SubprocessError):
         return ""
-    return ran.stdout.strip()
+    return result.stdout.strip()
 
 
-def code(checkout: Path = CHECKOUT) -> str:
+def code_version(checkout: Path = CHECKOUT) -> str:
     """Version of the code, as recorded in artifacts: its commit or, without a checkout, its release."""
-    return commit(checkout) or f"rf_exp-{installed(['rf_exp']).get('rf_exp', 'unknown')}"
+    return commit(checkout) or f"rf_exp-{package_versions(['rf_exp']).get('rf_exp', 'unknown')}"
 
 
-def installed(packages: Iterable[str]) -> dict[str, str]:
+def package_versions(packages: Iterable[str]) -> dict[str, str]:
     """The version of Python and of those packages that are installed."""
-    found = {"python": platform.python_version()}
+    versions = {"python": platform.python_version()}
     for package in packages:
         try:
-            found[package] = metadata.version(package)
+            versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             continue  # not every machine has the simulator
-    return found
+    return versions

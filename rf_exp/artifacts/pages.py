@@ -7,7 +7,7 @@ from rf_exp.texts import visible
 from rf_exp.texts.markdown import Markdown, text
 
 
-def rendered(template: Path, **values: object) -> str:
+def render_template(template: Path, **values: object) -> str:
     """Renders a Jinja2 template; values are escaped in HTML and Markdown.
 
     Values that are markup already are not: markupsafe's in HTML, `rf_exp.texts.markdown.Markdown` in Markdown
@@ -19,7 +19,7 @@ def rendered(template: Path, **values: object) -> str:
         loader=FileSystemLoader(template.parent),
         autoescape=select_autoescape(["html"]),
         undefined=StrictUndefined,
-        finalize=_words if template.suffix == ".md" else _letters,
+        finalize=_finalize_markdown if template.suffix == ".md" else _finalize_html,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -27,10 +27,10 @@ def rendered(template: Path, **values: object) -> str:
     return environment.get_template(template.name).render(values)
 
 
-def _letters(value: Any) -> Any:
+def _finalize_html(value: Any) -> Any:
     """A value without unprintable characters; never shortened, as it may contain a picture."""
     return visible(value, "\n") if type(value) is str else value  # markup has a type of its own
 
 
-def _words(value: Any) -> Any:
+def _finalize_markdown(value: Any) -> Any:
     return text(value) if isinstance(value, str) and not isinstance(value, Markdown) else value

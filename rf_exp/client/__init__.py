@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .checking import Report, check
     from .connection import Connection, ServerFailed
-    from .contract import Contract, Entry, checked
+    from .contract import Contract, Entry, validate_chunk
     from .server import Policy, Server, serve, serving
     from .wire import pack, unpack
 
@@ -25,17 +25,17 @@ __all__ = [
     "Server",
     "ServerFailed",
     "check",
-    "checked",
     "pack",
     "serve",
     "serving",
     "unpack",
+    "validate_chunk",
 ]
 
 _MODULES = {
     "checking": ("Report", "check"),
     "connection": ("Connection", "ServerFailed"),
-    "contract": ("Contract", "Entry", "checked"),
+    "contract": ("Contract", "Entry", "validate_chunk"),
     "server": ("Policy", "Server", "serve", "serving"),
     "wire": ("pack", "unpack"),
 }

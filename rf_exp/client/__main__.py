@@ -27,28 +27,32 @@ def main() -> int:
         NAME, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    checks = commands.add_parser("check", help="ask a server, and say what is wrong with its answers")
-    checks.add_argument("server", help="ws://host:port")
-    checks.add_argument("--connect_s", type=float, default=10.0, help="how long it may take to connect (10)")
-    checks.add_argument("--answer_s", type=float, default=120.0, help="and to answer (120)")
-    describes = commands.add_parser("describe", help="list the keys of an observation")
-    for each in (checks, describes):
-        _observations(each)
-    given = parser.parse_args()
+    check_parser = commands.add_parser("check", help="query a server and report problems of its answers")
+    check_parser.add_argument("server", help="ws://host:port")
+    check_parser.add_argument(
+        "--connect_s", type=float, default=10.0, help="time limit of connecting, in s (10)"
+    )
+    check_parser.add_argument(
+        "--answer_s", type=float, default=120.0, help="time limit of each answer, in s (120)"
+    )
+    describe_parser = commands.add_parser("describe", help="list the keys of an observation")
+    for subparser in (check_parser, describe_parser):
+        _add_observation_arguments(subparser)
+    arguments = parser.parse_args()
     try:
-        contract = _contract(given)
+        contract = _contract(arguments)
     except ValueError as error:
         parser.error(str(error))
-    if given.command == "describe":
-        for key, (shape, dtype, holds) in contract.entries.items():
-            print(shown(f"{key:28} {dtype:8} {'x'.join(map(str, shape)):12} {holds}"))
+    if arguments.command == "describe":
+        for key, (shape, dtype, meaning) in contract.entries.items():
+            print(shown(f"{key:28} {dtype:8} {'x'.join(map(str, shape)):12} {meaning}"))
         return 0
-    return _check(given, contract)
+    return _check(arguments, contract)
 
 
-def _check(given: argparse.Namespace, contract: Contract) -> int:
+def _check(arguments: argparse.Namespace, contract: Contract) -> int:
     try:
-        report = check(given.server, contract, given.connect_s, given.answer_s)
+        report = check(arguments.server, contract, arguments.connect_s, arguments.answer_s)
     except ServerFailed as error:
         print(shown(f"wrong: {error}"), file=sys.stderr)
         return 1
@@ -56,38 +60,41 @@ def _check(given: argparse.Namespace, contract: Contract) -> int:
         print(shown(f"note: {note}"))
     first, *later = report.seconds
     steps = sorted(set(report.steps))
-    said = (
+    summary = (
         f"{len(report.steps)} answers can be used: chunks of {' or '.join(map(str, steps))} steps, "
         f"{steps[0] / CONTROL_HZ:g} s of motion; the first answer took {first:.2f} s, the others "
         f"{sum(later) / len(later):.2f} s"
     )
-    print(printable(said))
+    print(printable(summary))
     return 0
 
 
-def _observations(parser: argparse.ArgumentParser) -> None:
-    whose = parser.add_mutually_exclusive_group(required=True)
-    whose.add_argument("--task", help="of the suite, which says how many arms there are, and which objects")
-    whose.add_argument("--arms", type=int, help="for any other task")
+def _add_observation_arguments(parser: argparse.ArgumentParser) -> None:
+    arms_group = parser.add_mutually_exclusive_group(required=True)
+    arms_group.add_argument("--task", help="task of the suite, which defines arms and objects")
+    arms_group.add_argument("--arms", type=int, help="number of arms, for any other task")
     parser.add_argument("--state", default="joints", help=f"{' | '.join(STATES)} (joints)")
     parser.add_argument("--cameras", default="all", help=f"{' | '.join(CAMERAS)} (all)")
     parser.add_argument("--width", type=int, default=320, help="of pictures, in pixels (320)")
     parser.add_argument("--height", type=int, default=240, help="(240)")
-    usual = {each.name: each.default for each in fields(Contract) if each.default is not MISSING}
+    defaults = {field.name: field.default for field in fields(Contract) if field.default is not MISSING}
     for name in SWITCHES:
-        does = "do" if usual[name] else "do not"
         parser.add_argument(
             f"--{name}",
             action=argparse.BooleanOptionalAction,
-            default=usual[name],
-            help=f"observations {does}",
+            default=defaults[name],
+            help=f"include {name} in observations",
         )
 
 
-def _contract(given: argparse.Namespace) -> Contract:
+def _contract(arguments: argparse.Namespace) -> Contract:
     names = ("state", "cameras", "width", "height", *SWITCHES)
-    options = {name: getattr(given, name) for name in names}
-    return Contract(given.arms, **options) if given.task is None else Contract.of_task(given.task, **options)
+    options = {name: getattr(arguments, name) for name in names}
+    return (
+        Contract(arguments.arms, **options)
+        if arguments.task is None
+        else Contract.of_task(arguments.task, **options)
+    )
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connection import Connection, ServerFailed
-from .contract import CONTROL_HZ, JOINTS, SUITE, Contract, checked
+from .contract import CONTROL_HZ, JOINTS, SUITE, Contract, validate_chunk
 
 EPISODES, ANSWERS = 2, 2  # answers per episode, over one connection
 FAR_RAD = 0.5  # from a measured joint to its first target: ten steps at full speed
@@ -35,47 +35,49 @@ def check(server: str, contract: Contract, connect_s: float = 10.0, answer_s: fl
     steps, seconds, notes = [], [], dict[str, None]()
     try:
         for number in range(EPISODES * ANSWERS):
-            episode, place = divmod(number, ANSWERS)
-            if not place:
+            episode, answer_number = divmod(number, ANSWERS)
+            if not answer_number:
                 connection.reset(episode)
-            observation = contract.made_up(number)
-            began = time.monotonic()
+            observation = contract.synthetic_observation(number)
+            start = time.monotonic()
             answer = connection.act(observation)
-            seconds.append(time.monotonic() - began)
+            seconds.append(time.monotonic() - start)
             try:
-                chunk = checked(answer, contract.arms)
+                chunk = validate_chunk(answer, contract.arms)
             except ValueError as error:
-                raise ServerFailed(f"answer {place + 1} of episode {episode + 1} holds {error}") from error
+                raise ServerFailed(
+                    f"answer {answer_number + 1} of episode {episode + 1} holds {error}"
+                ) from error
             steps.append(len(chunk))
-            notes |= dict.fromkeys(oddities(chunk, observation.get("qpos")))
+            notes |= dict.fromkeys(chunk_warnings(chunk, observation.get("qpos")))
     finally:
         connection.close()
     return Report(connection.metadata, tuple(steps), tuple(seconds), tuple(notes))
 
 
-def oddities(chunk: NDArray[np.float64], qpos: NDArray[np.float32] | None) -> Iterator[str]:
+def chunk_warnings(chunk: NDArray[np.float64], qpos: NDArray[np.float32] | None) -> Iterator[str]:
     """Suspicious features of a valid chunk (T, N, 8), given the observed joints (N, 9)."""
     low, high = np.array(SUITE["limits_rad"])
     for row, targets in enumerate(chunk.swapaxes(0, 1)):  # (T, 8)
         agent = f"agent {row + 1}"
         joints, gripper = targets[:, :JOINTS], targets[:, JOINTS]
         if beyond := (np.flatnonzero(((joints < low) | (joints > high)).any(axis=0)) + 1).tolist():
-            degrees = " (degrees?)" if np.abs(joints).max() > 2 * np.pi else ""
-            yield f"{agent}: targets of joints {beyond} are beyond the Panda's limits{degrees}, and clipped"
+            hint = " (degrees?)" if np.abs(joints).max() > 2 * np.pi else ""
+            yield f"{agent}: targets of joints {beyond} are beyond the Panda's limits{hint}, and clipped"
         if np.abs(gripper).max() > 1:
             yield f"{agent}: its gripper is beyond [-1 (closed), 1 (open)], and clipped"
         elif gripper.min() >= 0 and gripper.max() <= 2 * SUITE["open_m"]:
             yield (
-                f"{agent}: its gripper is told {gripper.min():.3g} to {gripper.max():.3g}, half open "
+                f"{agent}: its gripper commands are {gripper.min():.3g} to {gripper.max():.3g}, half open "
                 "(metres?); expected -1 (closed) to 1 (open)"
             )
         if qpos is None:
             continue
-        away = np.abs(joints[0] - qpos[row, :JOINTS])
-        if away.max() > FAR_RAD:
-            deltas = " (deltas? targets are absolute)" if np.abs(joints).max() < FAR_RAD else ""
-            takes = away.max() / SUITE["step_rad"] / CONTROL_HZ
+        jumps = np.abs(joints[0] - qpos[row, :JOINTS])
+        if jumps.max() > FAR_RAD:
+            deltas_hint = " (deltas? targets are absolute)" if np.abs(joints).max() < FAR_RAD else ""
+            needed_s = jumps.max() / SUITE["step_rad"] / CONTROL_HZ
             yield (
-                f"{agent}: the first target of joint {int(away.argmax()) + 1} is {away.max():.2f} rad from "
-                f"where it is{deltas}; an arm needs {takes:.1f} s for that"
+                f"{agent}: the first target of joint {int(jumps.argmax()) + 1} is {jumps.max():.2f} rad from "
+                f"where it is{deltas_hint}; an arm needs {needed_s:.1f} s for that"
             )

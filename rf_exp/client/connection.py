@@ -12,11 +12,17 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 from websockets.sync.client import ClientConnection, connect
 
 from ..texts import printable
-from .wire import LARGEST, pack, unpack
+from .wire import LARGEST_BYTES, pack, unpack
 
 # Closing may take a second. A server that computes in its event loop cannot answer pings.
-TERMS: dict[str, Any] = {"close_timeout": 1, "compression": None, "max_size": LARGEST, "ping_interval": None}
-KEYS, LAST = 5, 2000  # quoted keys of an answer without actions; quoted characters at the end of an error
+CONNECT_OPTIONS: dict[str, Any] = {
+    "close_timeout": 1,
+    "compression": None,
+    "max_size": LARGEST_BYTES,
+    "ping_interval": None,
+}
+# Of an answer without actions; from the end of an error.
+QUOTED_KEYS, QUOTED_CHARACTERS = 5, 2000
 
 
 class ServerFailed(Exception):
@@ -30,11 +36,11 @@ class Connection:
 
     def __init__(self, server: str, connect_s: float, answer_s: float) -> None:
         """Connects to `ws://host:port` within `connect_s` seconds; each answer may take `answer_s`."""
-        self._server, self._answer_s, self._open = server, answer_s, ExitStack()
+        self._server, self._answer_s, self._resources = server, answer_s, ExitStack()
         self._seed: int | None = None  # of the episode that begins with the next observation
         try:
-            asked = connect(server, open_timeout=connect_s, **TERMS)
-            self._socket: ClientConnection = self._open.enter_context(asked)
+            connecting = connect(server, open_timeout=connect_s, **CONNECT_OPTIONS)
+            self._socket: ClientConnection = self._resources.enter_context(connecting)
         except TimeoutError as error:
             raise self._failed(f"does not answer within {connect_s:g} s ({self.LIMITS[0]})") from error
         except (InvalidHandshake, InvalidURI) as error:
@@ -51,34 +57,34 @@ class Connection:
 
     def act(self, observation: dict[str, Any]) -> Any:
         """The `actions` of the server for an observation."""
-        begins = {} if self._seed is None else {"reset": self._seed}
+        reset = {} if self._seed is None else {"reset": self._seed}
         try:
-            self._socket.send(pack({**observation, **begins}))
+            self._socket.send(pack({**observation, **reset}))
         except WebSocketException as error:
             raise self._failed(f"has closed the connection: {printable(error)}") from error
         self._seed = None
         answer = self._answer(self._answer_s, self.LIMITS[1])
         if "actions" not in answer:
-            keys = [printable(key, 40) for key in list(answer)[:KEYS]]
+            keys = [printable(key, 40) for key in list(answer)[:QUOTED_KEYS]]
             raise self._failed(f"answers with {sorted(keys)}; expected a map with 'actions'")
         return answer["actions"]
 
     def close(self) -> None:
         """Closes the connection."""
-        self._open.close()
+        self._resources.close()
 
     def _answer(self, limit_s: float, key: str) -> dict[Any, Any]:
         try:
-            said = self._socket.recv(limit_s)
+            message = self._socket.recv(limit_s)
         except TimeoutError as error:
             raise self._failed(f"gives no answer within {limit_s:g} s ({key})") from error
         except ConnectionClosed as error:
             raise self._failed(f"has closed the connection: {printable(error)}") from error
-        if isinstance(said, str):
-            last = (said[-LAST:].strip().splitlines() or ["nothing"])[-1]
+        if isinstance(message, str):
+            last = (message[-QUOTED_CHARACTERS:].strip().splitlines() or ["nothing"])[-1]
             raise self._failed(f"reports an error: {printable(last)}")
         try:
-            answer = unpack(said)
+            answer = unpack(message)
         except ValueError as error:
             how = f"answers with {printable(error)}; expected msgpack, as openpi's servers send"
             raise self._failed(how) from error

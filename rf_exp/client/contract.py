@@ -26,7 +26,7 @@ class Entry(NamedTuple):
 
     shape: tuple[int, ...]  # () for a text
     dtype: str  # of NumPy; `str` for a text
-    holds: str  # in words, with unit and frame
+    meaning: str  # in words, with unit and frame
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class Contract:
         """The contract of a task of the suite, by its name. Raises ValueError for an unknown task."""
         if task not in SUITE["tasks"]:
             raise ValueError(f"unknown task {task!r}; available: {', '.join(SUITE['tasks'])}")
-        found = SUITE["tasks"][task]
-        return cls(found["arms"], tuple(found["objects"]), found["description"], **options)
+        task_facts = SUITE["tasks"][task]
+        return cls(task_facts["arms"], tuple(task_facts["objects"]), task_facts["description"], **options)
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -74,34 +74,41 @@ class Contract:
     @property
     def entries(self) -> dict[str, Entry]:
         """All keys of an observation but `reset`, the integer scene seed, only in an episode's first."""
-        arms, size, alone = self.arms, (self.height, self.width), [""]
-        joints, eyes = (arms, JOINTS + FINGERS), [f"_{name}" for name in self.camera_names]
+        arms, size, single = self.arms, (self.height, self.width), [""]
+        joints, cameras = (arms, JOINTS + FINGERS), [f"_{name}" for name in self.camera_names]
         objects = [f"_{name}" for name in self.objects]
-        told, full, known = self.state != "none", self.state == "full", self.calibration
-        listed = (  # (present, beginning of the keys, their endings, shape, kind of numbers, meaning)
-            (told, "qpos", alone, joints, "float32", "measured: seven joints in rad, two fingers in m"),
-            (told, "qvel", alone, joints, "float32", "their velocities: rad/s, m/s"),
+        state, full, calibrated = self.state != "none", self.state == "full", self.calibration
+        table = (  # (present, beginning of the keys, their endings, shape, kind of numbers, meaning)
+            (state, "qpos", single, joints, "float32", "measured: seven joints in rad, two fingers in m"),
+            (state, "qvel", single, joints, "float32", "their velocities: rad/s, m/s"),
             (full, "pose", objects, (7,), "float32", "world: position in m, quaternion w, x, y, z"),
-            (self.pictures, "rgb", eyes, (*size, 3), "uint8", "RGB, rows from the top"),
-            (self.depth, "depth", eyes, size, "float32", "m along the viewing direction; 0 is nothing"),
-            (self.segmentation, "segmentation", eyes, size, "uint8", "which body; 0 is none"),
-            (known, "world_from_base", alone, (arms, 4, 4), "float32", "where the arms stand, m"),
-            (known, "world_from_camera", eyes, (4, 4), "float32", "x right, y down, z forward (OpenCV), m"),
-            (known, "intrinsics", eyes, (3, 3), "float32", "pixels from camera coordinates"),
-            (self.language, "language", alone, (), "str", "the task in words"),
+            (self.pictures, "rgb", cameras, (*size, 3), "uint8", "RGB, rows from the top"),
+            (self.depth, "depth", cameras, size, "float32", "m along the viewing direction; 0 is nothing"),
+            (self.segmentation, "segmentation", cameras, size, "uint8", "which body; 0 is none"),
+            (calibrated, "world_from_base", single, (arms, 4, 4), "float32", "where the arms stand, m"),
+            (
+                calibrated,
+                "world_from_camera",
+                cameras,
+                (4, 4),
+                "float32",
+                "x right, y down, z forward (OpenCV), m",
+            ),
+            (calibrated, "intrinsics", cameras, (3, 3), "float32", "pixels from camera coordinates"),
+            (self.language, "language", single, (), "str", "the task in words"),
         )
         return {
-            key + end: Entry(shape, dtype, holds)
-            for there, key, ends, shape, dtype, holds in listed
-            if there
-            for end in ends
+            key + ending: Entry(shape, dtype, meaning)
+            for is_present, key, endings, shape, dtype, meaning in table
+            if is_present
+            for ending in endings
         }
 
-    def made_up(self, seed: int = 0) -> dict[str, Any]:
+    def synthetic_observation(self, seed: int = 0) -> dict[str, Any]:
         """A synthetic observation with valid keys, shapes and types: arms near rest, pictures of noise."""
         rng, rest = np.random.default_rng(seed), [*SUITE["rest_rad"], *[SUITE["open_m"]] * FINGERS]
-        lens = [[self.height, 0, self.width / 2], [0, self.height, self.height / 2], [0, 0, 1]]
-        made: dict[str, Callable[[tuple[int, ...]], ArrayLike]] = {  # beginning of a key -> its value
+        intrinsics = [[self.height, 0, self.width / 2], [0, self.height, self.height / 2], [0, 0, 1]]
+        generators: dict[str, Callable[[tuple[int, ...]], ArrayLike]] = {  # beginning of a key -> its value
             "qpos": lambda _: rest + np.pad(rng.normal(0, 0.02, (self.arms, JOINTS)), ((0, 0), (0, FINGERS))),
             "qvel": np.zeros,
             "pose": lambda _: [*rng.uniform(-0.2, 0.2, 2), 0.05, 1, 0, 0, 0],
@@ -109,19 +116,19 @@ class Contract:
             "depth": lambda shape: rng.uniform(0.5, 2.0, shape),
             "segmentation": lambda shape: rng.integers(0, 3, shape),
             "world": lambda shape: np.broadcast_to(np.eye(4), shape),
-            "intrinsics": lambda _: lens,
+            "intrinsics": lambda _: intrinsics,
         }
         return {
-            key: self.description if dtype == "str" else np.array(made[key.split("_")[0]](shape), dtype)
+            key: self.description if dtype == "str" else np.array(generators[key.split("_")[0]](shape), dtype)
             for key, (shape, dtype, _) in self.entries.items()
         }
 
 
-def checked(answer: object, arms: int) -> NDArray[np.float64]:
+def validate_chunk(answer: object, arms: int) -> NDArray[np.float64]:
     """The `actions` of a policy as a chunk (T, arms, 8). Raises ValueError for anything else."""
-    each = f"seven joint targets in rad and the gripper in [-1, 1] of {arms} agent{'s' * (arms > 1)}"
+    contents = f"seven joint targets in rad and the gripper in [-1, 1] of {arms} agent{'s' * (arms > 1)}"
     size = ACTION_SIZE * arms
-    expected = f"expected finite numbers (T, {arms}, {ACTION_SIZE}) or (T, {size}): {each}"
+    expected = f"expected finite numbers (T, {arms}, {ACTION_SIZE}) or (T, {size}): {contents}"
     try:
         array = np.asarray(answer)
     except Exception as error:  # a tensor on a device, lists of different lengths
@@ -135,9 +142,9 @@ def checked(answer: object, arms: int) -> NDArray[np.float64]:
     chunk = array.reshape(-1, arms, ACTION_SIZE).astype(float)
     if not np.isfinite(chunk).all():
         step, row, joint = np.argwhere(~np.isfinite(chunk))[0].tolist()
-        which = "gripper" if joint == JOINTS else f"joint {joint + 1}"
+        value_name = "gripper" if joint == JOINTS else f"joint {joint + 1}"
         raise ValueError(
-            f"{which} of agent {row + 1} is {chunk[step, row, joint]} in step {step} of a chunk of "
+            f"{value_name} of agent {row + 1} is {chunk[step, row, joint]} in step {step} of a chunk of "
             f"{len(chunk)}; {expected}"
         )
     return chunk

@@ -57,38 +57,39 @@ def serving(
     `metadata` is sent as the greeting. An exception of a policy is sent to its client and ends only that
     connection.
     """
-    own = isinstance(policy, type) or not callable(getattr(policy, "infer", None))
-    if own and not callable(policy):
+    per_connection = isinstance(policy, type) or not callable(getattr(policy, "infer", None))
+    if per_connection and not callable(policy):
         raise TypeError(f"a {type(policy).__name__} without infer(observation); expected an object with it")
-    given: Any = policy
+    policy_or_factory: Any = policy
     greeting = pack(dict(metadata or {}))
-    thinks, taken = Lock(), Lock()
+    inference_lock, policy_in_use = Lock(), Lock()
 
-    def converse(socket: ServerConnection) -> None:
-        alone = not own and hasattr(policy, "reset")
-        if alone and not taken.acquire(blocking=False):
-            return _tell(
-                socket, "this policy remembers its episode and answers somebody else; ask with workers=1"
+    def handle_connection(socket: ServerConnection) -> None:
+        exclusive = not per_connection and hasattr(policy, "reset")
+        if exclusive and not policy_in_use.acquire(blocking=False):
+            return _send_error(
+                socket,
+                "this policy is stateful and already serves another connection; use workers=1",
             )
         try:
-            mine = given() if own else given
+            own_policy = policy_or_factory() if per_connection else policy_or_factory
             socket.send(greeting)
             for message in socket:
-                with thinks:
-                    answer = _answer(mine, message)
+                with inference_lock:
+                    answer = _answer(own_policy, message)
                 socket.send(answer)
         except ConnectionClosed:
             pass  # closed by the client
         except Exception:
             print(shown(traceback.format_exc()), file=sys.stderr)
-            _tell(socket, traceback.format_exc())
+            _send_error(socket, traceback.format_exc())
         finally:
-            if alone:
-                taken.release()
+            if exclusive:
+                policy_in_use.release()
 
     # A client that simulates may not read for minutes; one that is gone longer releases its policy.
-    waits: dict[str, Any] = {"ping_interval": 20, "ping_timeout": 600}
-    with listen(converse, host, port, max_size=None, compression=None, **waits) as sockets:
+    timeouts: dict[str, Any] = {"ping_interval": 20, "ping_timeout": 600}
+    with listen(handle_connection, host, port, max_size=None, compression=None, **timeouts) as sockets:
         yield Server(sockets, host)
 
 
@@ -117,7 +118,7 @@ def _answer(policy: Any, message: str | bytes) -> bytes:
     return pack({**answer, "actions": np.asarray(answer["actions"])})
 
 
-def _tell(socket: ServerConnection, error: str) -> None:
+def _send_error(socket: ServerConnection, error: str) -> None:
     """Sends an error, a text instead of an answer as in openpi, and closes the connection."""
     try:
         socket.send(error)

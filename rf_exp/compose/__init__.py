@@ -3,6 +3,6 @@
 A language model is optional: it can reword a sentence (`wording`). docs/compose.md.
 """
 
-from rf_exp.compose.composing import Composed, compose, things_of, written
+from rf_exp.compose.composing import Composed, compose, parse_objects, write_files
 
-__all__ = ["Composed", "compose", "things_of", "written"]
+__all__ = ["Composed", "compose", "parse_objects", "write_files"]

@@ -23,11 +23,11 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from rf_exp import datagen, laws
-from rf_exp.command import guarded
-from rf_exp.compose.composing import Composed, compose, written
-from rf_exp.compose.wording import worded
+from rf_exp.command import run_guarded
+from rf_exp.compose.composing import Composed, compose, write_files
+from rf_exp.compose.wording import reword
 from rf_exp.datagen.brain import BrainSpec, OpenAIChat, OpenAISpec, ScriptedSpec, read_brain
-from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.errors import ArgumentError, StageError, unknown_choice
 from rf_exp.installed import CONF
 from rf_exp.progress import console
 from rf_exp.tasks import Task, load_task
@@ -39,110 +39,114 @@ BRAINS = ("openai",)
 
 
 def main() -> None:
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("python -m rf_exp.compose", description=__doc__, formatter_class=raw)
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        "python -m rf_exp.compose", description=__doc__, formatter_class=formatter
+    )
     parser.add_argument("sentence")
     parser.add_argument("keys", nargs="*", metavar="KEY=VALUE")
-    said = parser.parse_args()
-    given = _read(said.sentence, said.keys)
-    folder = Path(given["out"])
-    code = ".".join((*folder.parts, given["name"]))
-    composed = _composed(said.sentence, given, code)
-    config, module = written(composed, folder)
+    args = parser.parse_args()
+    values = _parse_keys(args.sentence, args.keys)
+    folder = Path(values["out"])
+    module_name = ".".join((*folder.parts, values["name"]))
+    composed = _compose_task(args.sentence, values, module_name)
+    config, module = write_files(composed, folder)
     console.print(
-        f"{len(composed.said.jobs)} jobs for {composed.said.arms} arms; wrote {config} and {module}"
+        f"{len(composed.parsed.jobs)} jobs for {composed.parsed.arms} arms; wrote {config} and {module}"
     )
     sys.path.insert(0, str(Path.cwd()))
     task = load_task(composed.name, composed.node)
-    broken = _laws(task)
-    failed = _expert(task, int(given["episodes"]))
+    broken_laws = _check_laws(task)
+    failed_scenes = _try_expert(task, int(values["episodes"]))
     search = f'"hydra.searchpath=[file://$PWD/{folder}/conf]"'
     console.print(f"next: python -m rf_exp.gallery {search} task={composed.name}")
-    if broken or failed:
-        raise StageError(f"{broken} laws are broken, {failed} scenes failed; where and why is said above")
+    if broken_laws or failed_scenes:
+        raise StageError(
+            f"{broken_laws} laws are broken, {failed_scenes} scenes failed; where and why is said above"
+        )
 
 
-def _composed(text: str, given: dict[str, Any], code: str) -> Composed:
+def _compose_task(text: str, values: dict[str, Any], module_name: str) -> Composed:
     """The task of a sentence as it is written, or as a model rewords it."""
 
-    def make(sentence: str) -> Composed:
-        return compose(sentence, given["objects"], given["name"], code)
+    def compose_sentence(sentence: str) -> Composed:
+        return compose(sentence, values["objects"], values["name"], module_name)
 
-    if given["brain"] is None:
-        return make(text)
-    composed = worded(text, given["objects"], OpenAIChat(given["brain"], None), make)
+    if values["brain"] is None:
+        return compose_sentence(text)
+    composed = reword(text, values["objects"], OpenAIChat(values["brain"], None), compose_sentence)
     console.print(f"understood as: {composed.text}")
     return composed
 
 
-def _brain(name: str, options: dict[str, Any]) -> OpenAISpec:
+def _brain_spec(name: str, options: dict[str, Any]) -> OpenAISpec:
     """Specification of the rewording model, from its keys. Raises ArgumentError for other brains and keys."""
     if name not in BRAINS:
-        raise choices("brain", name, BRAINS)
+        raise unknown_choice("brain", name, BRAINS)
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "brain" / f"{name}.yaml"), resolve=False)
     spec: BrainSpec = read_brain({**node, "exchanges": None, **options})
     assert isinstance(spec, OpenAISpec)
     return spec
 
 
-def _read(text: str, keys: list[str]) -> dict[str, Any]:
+def _parse_keys(text: str, keys: list[str]) -> dict[str, Any]:
     """The values of all keys. Raises ArgumentError for a key in place of the sentence and for wrong keys."""
-    for each in (text, *keys):
-        if ("=" in each.split(" ")[0]) == (each is text):
+    for argument in (text, *keys):
+        if ("=" in argument.split(" ")[0]) == (argument is text):
             raise ArgumentError(
-                f"{each!r}: expected one sentence, in quotes, then keys as KEY=VALUE: {', '.join(KEYS)}"
+                f"{argument!r}: expected one sentence, in quotes, then keys as KEY=VALUE: {', '.join(KEYS)}"
             )
-    of_model = [key.removeprefix("brain.") for key in keys if key.startswith("brain.")]
+    brain_keys = [key.removeprefix("brain.") for key in keys if key.startswith("brain.")]
     try:
-        said: Any = OmegaConf.to_container(
+        overrides: Any = OmegaConf.to_container(
             OmegaConf.from_dotlist([key for key in keys if not key.startswith("brain.")])
         )
-        options: Any = OmegaConf.to_container(OmegaConf.from_dotlist(of_model))
+        options: Any = OmegaConf.to_container(OmegaConf.from_dotlist(brain_keys))
     except (OmegaConfBaseException, YAMLError) as error:
         raise ArgumentError(f"cannot read {' '.join(keys)}: {one_line(str(error), LONGEST_LINE)}") from error
-    for key in said:
+    for key in overrides:
         if key not in KEYS:
-            raise choices("key", key, KEYS)
-    given = KEYS | said
-    if not isinstance(given["objects"], list):
+            raise unknown_choice("key", key, KEYS)
+    values = KEYS | overrides
+    if not isinstance(values["objects"], list):
         raise ArgumentError(
-            f"objects is {given['objects']!r}; expected a list, as objects=[cube,cube,bowl:pot]"
+            f"objects is {values['objects']!r}; expected a list, as objects=[cube,cube,bowl:pot]"
         )
-    if not isinstance(given["name"], str):
-        raise ArgumentError(f"name is {given['name']!r}; expected small letters, digits and _")
-    folder = Path(given["out"]) if isinstance(given["out"], str) else Path("/")
+    if not isinstance(values["name"], str):
+        raise ArgumentError(f"name is {values['name']!r}; expected small letters, digits and _")
+    folder = Path(values["out"]) if isinstance(values["out"], str) else Path("/")
     if folder.is_absolute() or not folder.parts or not all(part.isidentifier() for part in folder.parts):
-        raise ArgumentError(f"out is {given['out']!r}; expected a folder below this one, as my_tasks")
-    there = find_spec(folder.parts[0])  # a module that would hide the written one
-    if there is not None and Path.cwd() not in Path(there.origin or Path.cwd() / "here").parents:
+        raise ArgumentError(f"out is {values['out']!r}; expected a folder below this one, as my_tasks")
+    top_module = find_spec(folder.parts[0])  # a module that would hide the written one
+    if top_module is not None and Path.cwd() not in Path(top_module.origin or Path.cwd() / "here").parents:
         raise ArgumentError(
-            f"out is {given['out']!r}, and {folder.parts[0]!r} is a module of Python's; choose another"
+            f"out is {values['out']!r}, and {folder.parts[0]!r} is a module of Python's; choose another"
         )
-    if type(given["episodes"]) is not int or given["episodes"] < 0:
-        raise ArgumentError(f"episodes is {given['episodes']!r}; expected 0 or more")
-    if of_model and given["brain"] is None:
-        raise ArgumentError(f"brain.{of_model[0]} is of a language model; say brain=openai as well")
-    return given if given["brain"] is None else {**given, "brain": _brain(given["brain"], options)}
+    if type(values["episodes"]) is not int or values["episodes"] < 0:
+        raise ArgumentError(f"episodes is {values['episodes']!r}; expected 0 or more")
+    if brain_keys and values["brain"] is None:
+        raise ArgumentError(f"brain.{brain_keys[0]} is of a language model; say brain=openai as well")
+    return values if values["brain"] is None else {**values, "brain": _brain_spec(values["brain"], options)}
 
 
-def _laws(task: Task) -> int:
-    broken = 0
-    for law, found in laws.judged(task):
-        broken += bool(found)
-        console.print(f"{law.says}: {'holds' if not found else '; '.join(found)}")
-    return broken
+def _check_laws(task: Task) -> int:
+    broken_laws = 0
+    for law, violations in laws.check_task(task):
+        broken_laws += bool(violations)
+        console.print(f"{law.sentence}: {'holds' if not violations else '; '.join(violations)}")
+    return broken_laws
 
 
-def _expert(task: Task, episodes: int) -> int:
+def _try_expert(task: Task, episodes: int) -> int:
     settings = datagen.Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
-    failed = 0
+    failed_scenes = 0
     for seed in range(episodes):
         outcome = datagen.make_episode(settings, NO_PICTURES, seed)
-        failed += not outcome.success
-        how = f"success in {outcome.steps} steps" if outcome.success else f"failed: {outcome.reason}"
-        console.print(f"seed {seed}: {how}, {outcome.contacts} contacts")
-    return failed
+        failed_scenes += not outcome.success
+        result = f"success in {outcome.steps} steps" if outcome.success else f"failed: {outcome.reason}"
+        console.print(f"seed {seed}: {result}, {outcome.contacts} contacts")
+    return failed_scenes
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

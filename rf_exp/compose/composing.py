@@ -12,9 +12,9 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from rf_exp.artifacts import write_text
-from rf_exp.compose.layout import laid_out
+from rf_exp.compose.layout import lay_out
 from rf_exp.compose.sentence import Sentence, read
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.installed import CONF
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
@@ -69,13 +69,13 @@ class Composed:
 
     name: str
     text: str  # the sentence
-    said: Sentence
+    parsed: Sentence
     node: Mapping[str, Any]  # content of conf/task/<name>.yaml below the name
 
     @property
     def module(self) -> str:
         """The source of its module."""
-        jobs = "\n".join(f"    {job!r}," for job in self.said.jobs)
+        jobs = "\n".join(f"    {job!r}," for job in self.parsed.jobs)
         return MODULE.format(title=self.node["title"], text=self.text, jobs=jobs)
 
     @property
@@ -83,38 +83,38 @@ class Composed:
         return f"# {self.text}\n" + OmegaConf.to_yaml(OmegaConf.create({self.name: self.node}))
 
 
-def things_of(objects: Iterable[str]) -> dict[str, Mapping[str, Any]]:
+def parse_objects(objects: Iterable[str]) -> dict[str, Mapping[str, Any]]:
     """Name -> asset and options of objects that are listed as `cube`, `red_cube` or `bowl:pot`.
 
     Several of a kind are distinguished by colour or number. Raises ArgumentError for a name that is used
     twice or is invalid, and for an asset that does not exist.
     """
-    entries = [str(each).strip().casefold() for each in objects]
-    known, found = assets.available(), dict[str, Mapping[str, Any]]()
+    entries = [str(item).strip().casefold() for item in objects]
+    available, specs = assets.available(), dict[str, Mapping[str, Any]]()
     for entry in entries:
         name, _, kind = entry.rpartition(":")
         if not name:
-            kind = next((each for each in known if entry == each or entry.endswith(f"_{each}")), entry)
-        if kind not in known:
-            raise choices("object", entry, known)
+            kind = next((item for item in available if entry == item or entry.endswith(f"_{item}")), entry)
+        if kind not in available:
+            raise unknown_choice("object", entry, available)
         name, options = name or entry, dict[str, Any]()
-        if _takes(kind, "colour"):
+        if _has_option(kind, "colour"):
             colour = next((word for word in name.split("_") if word in circle.COLOURS), None)
-            used = {each["options"]["colour"] for each in found.values() if each["asset"] == kind}
-            colour = colour or next((each for each in circle.COLOURS if each not in used), circle.COLOURS[0])
+            used = {item["options"]["colour"] for item in specs.values() if item["asset"] == kind}
+            colour = colour or next((item for item in circle.COLOURS if item not in used), circle.COLOURS[0])
             options["colour"] = colour
             name = f"{colour}_{kind}" if entry == kind and entries.count(entry) > 1 else name
         if entry == kind and entries.count(entry) > 1 and name == entry:
-            name = f"{entry}{sum(each['asset'] == kind for each in found.values()) + 1}"
+            name = f"{entry}{sum(item['asset'] == kind for item in specs.values()) + 1}"
         if not _NAME.fullmatch(name):
             raise ArgumentError(f"object {entry!r}: the name is {name!r}; expected letters, digits and _")
-        if name in found:
+        if name in specs:
             raise ArgumentError(f"object {name!r} is there twice; give them names, as in {name}1:{kind}")
-        found[name] = {"asset": kind, "options": options}
-    return found
+        specs[name] = {"asset": kind, "options": options}
+    return specs
 
 
-def _takes(kind: str, option: str) -> bool:
+def _has_option(kind: str, option: str) -> bool:
     return option in inspect.signature(import_module(f"rf_exp.tasks.assets.{kind}").build).parameters
 
 
@@ -128,15 +128,15 @@ def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed
         raise ArgumentError(f"name is {name!r}; expected small letters, digits and _")
     if name == "all" or any((CONF / folder / f"{name}.yaml").exists() for folder in ("task", "task/family")):
         raise ArgumentError(f"name is {name!r}, which task={name} means already; choose another one")
-    text, specs = " ".join(text.split()), things_of(objects)
+    text, specs = " ".join(text.split()), parse_objects(objects)
     if not specs:
         raise ArgumentError(f"objects is empty; available: {', '.join(assets.available())}")
-    said, specs = _understood(text, specs)
-    if said.arms > len(said.jobs):
+    parsed, specs = _parse_with_variants(text, specs)
+    if parsed.arms > len(parsed.jobs):
         raise ArgumentError(
-            f"{said.arms} arms, but things to move: {len(said.jobs)}; an arm would have nothing to do"
+            f"{parsed.arms} arms, but things to move: {len(parsed.jobs)}; an arm would have nothing to do"
         )
-    layout = laid_out(said, _built(specs), specs)
+    layout = lay_out(parsed, _load_assets(specs), specs)
     node = {
         "name": name,
         "code": code,
@@ -146,32 +146,32 @@ def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed
         **layout,
         "success": SUCCESS,
     }
-    return Composed(name, text, said, node)
+    return Composed(name, text, parsed, node)
 
 
-def _understood(
+def _parse_with_variants(
     text: str, specs: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Sentence, Mapping[str, Mapping[str, Any]]]:
     """The parsed sentence with the objects as given, or with the simplest variants for which it parses."""
-    variants = [({}, *VARIANTS.get(each["asset"], ())) for each in specs.values()]
+    variants = [({}, *VARIANTS.get(spec["asset"], ())) for spec in specs.values()]
     errors: list[ArgumentError] = []
-    for chosen in sorted(product(*variants), key=lambda each: sum(map(len, each))):
-        changed = {
-            name: {**spec, "options": {**spec["options"], **more}}
-            for (name, spec), more in zip(specs.items(), chosen, strict=True)
+    for choice in sorted(product(*variants), key=lambda choice: sum(map(len, choice))):
+        candidate = {
+            name: {**spec, "options": {**spec["options"], **options}}
+            for (name, spec), options in zip(specs.items(), choice, strict=True)
         }
         try:
-            return read(text, _built(changed)), changed
-        except ArgumentError as refused:
-            errors.append(refused)
+            return read(text, _load_assets(candidate)), candidate
+        except ArgumentError as error:
+            errors.append(error)
     raise errors[-1]
 
 
-def _built(specs: Mapping[str, Mapping[str, Any]]) -> dict[str, Asset]:
+def _load_assets(specs: Mapping[str, Mapping[str, Any]]) -> dict[str, Asset]:
     return {name: assets.load(spec["asset"], spec["options"]) for name, spec in specs.items()}
 
 
-def written(composed: Composed, folder: Path) -> tuple[Path, Path]:
+def write_files(composed: Composed, folder: Path) -> tuple[Path, Path]:
     """Writes both files below a folder and returns their paths. Raises ArgumentError where others exist."""
     paths = folder / "conf" / "task" / f"{composed.name}.yaml", folder / f"{composed.name}.py"
     contents = dict(zip(paths, (composed.yaml, composed.module), strict=True))

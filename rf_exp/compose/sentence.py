@@ -15,30 +15,31 @@ from dataclasses import dataclass, replace
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.shared.jobs import Job
-from rf_exp.types import ANYBODY
+from rf_exp.types import ANY_AGENT
 
 NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "both": 2}
-MOST_ARMS = 6
+MAX_ARMS = 6
 FORMS = (
     "two arms put both cubes into the bowl",
     "the lid goes on last",
     "then the red cube goes onto the blue cube",
     "arm 2 stacks all cubes on the goal",
 )
-_ARMS = r"(?:robot(?:ic)? )?(?:arms|robots|agents|arm|robot|agent)"
-_ACTIVE = "puts?|places?|brings?|lays?|sets?|drops?|moves?|carr(?:y|ies)"
-_BE = "goes|go|comes|come|is|are|must be|is put|are put|is placed|are placed|lies|lie"
+_ARM_NOUN = r"(?:robot(?:ic)? )?(?:arms|robots|agents|arm|robot|agent)"
+_ACTIVE_VERBS = "puts?|places?|brings?|lays?|sets?|drops?|moves?|carr(?:y|ies)"
+_STATE_VERBS = "goes|go|comes|come|is|are|must be|is put|are put|is placed|are placed|lies|lie"
 _PREPOSITION = "into|inside|in|onto|on top of|on|to|at"
-_WHO = rf"(?:(?P<many>\w+) {_ARMS}|{_ARMS} (?P<agent>\d+)|they|somebody)"
+_AGENT = rf"(?:(?P<many>\w+) {_ARM_NOUN}|{_ARM_NOUN} (?P<agent>\d+)|they|somebody)"
 _CLAUSE = re.compile(
-    rf"(?:{_WHO} )?(?:(?P<stacks>stacks?)|(?:{_ACTIVE})) (?P<what>.+?)"
+    rf"(?:{_AGENT} )?(?:(?P<stacks>stacks?)|(?:{_ACTIVE_VERBS})) (?P<what>.+?)"
     rf"(?: (?P<preposition>{_PREPOSITION}) (?P<target>.+?))?(?: (?P<order>first|last))?"
 )
 _PASSIVE = re.compile(
-    rf"(?P<what>.+?) (?:{_BE})(?: (?P<preposition>{_PREPOSITION})(?: (?P<target>(?!first$|last$).+?))?)?"
+    rf"(?P<what>.+?) (?:{_STATE_VERBS})"
+    rf"(?: (?P<preposition>{_PREPOSITION})(?: (?P<target>(?!first$|last$).+?))?)?"
     r"(?: (?P<order>first|last))?"
 )
-_SPLIT = re.compile(
+_CLAUSE_SEPARATOR = re.compile(
     r"\s*(?:[;.,]\s*(?:and\s+)?(?P<one>then\b|after that\b|afterwards\b)?|\band then\b|\bthen\b)\s*"
 )
 
@@ -51,7 +52,7 @@ class Sentence:
     jobs: tuple[Job, ...]
 
 
-def read(text: str, things: Mapping[str, Asset]) -> Sentence:
+def read(text: str, assets: Mapping[str, Asset]) -> Sentence:
     """The jobs of a sentence about objects, given by name.
 
     Raises ArgumentError for a clause that is not understood, for an object that is unknown, ambiguous or
@@ -68,94 +69,101 @@ def read(text: str, things: Mapping[str, Asset]) -> Sentence:
         match = _CLAUSE.fullmatch(clause) or _PASSIVE.fullmatch(clause)
         if match is None:
             raise ArgumentError(f"cannot read {clause!r} of {text!r}; forms: {'; '.join(FORMS)}")
-        said = {key: value for key, value in match.groupdict().items() if value is not None}
-        arms = max(arms, _arms(said, clause))
-        names = _named(said["what"], things, clause)
-        stacks = "stacks" in said
-        target = _target(said, things, jobs, clause, names)
-        agent = int(said["agent"]) if "agent" in said else ANYBODY
-        new: list[Job] = []
+        groups = {key: value for key, value in match.groupdict().items() if value is not None}
+        arms = max(arms, _arm_count(groups, clause))
+        names = _object_names(groups["what"], assets, clause)
+        stacks = "stacks" in groups
+        target = _target(groups, assets, jobs, clause, names)
+        agent = int(groups["agent"]) if "agent" in groups else ANY_AGENT
+        clause_jobs: list[Job] = []
         for name in names:
-            if borne := [job.thing for job in [*jobs, *new] if job.target == name]:
-                raise ArgumentError(f"{clause!r} moves {name}, on which {borne[0]} has been put before")
-            point = _point(target, things, said.get("preposition", "on"), [*jobs, *new], name, clause)
-            before = (*(previous if follows else ()), *((new[-1].thing,) if stacks and new else ()))
-            rests = tuple(job.thing for job in [*jobs, *new] if job.thing == target)
-            after = tuple(dict.fromkeys((*before, *rests)))
-            new.append(Job(name, _grip(name, things[name]), target, point, after, agent))
+            if placed_on_it := [job.thing for job in [*jobs, *clause_jobs] if job.target == name]:
+                raise ArgumentError(
+                    f"{clause!r} moves {name}, on which {placed_on_it[0]} has been put before"
+                )
+            point = _free_point(
+                target, assets, groups.get("preposition", "on"), [*jobs, *clause_jobs], name, clause
+            )
+            predecessors = (
+                *(previous if follows else ()),
+                *((clause_jobs[-1].thing,) if stacks and clause_jobs else ()),
+            )
+            on_target = tuple(job.thing for job in [*jobs, *clause_jobs] if job.thing == target)
+            after = tuple(dict.fromkeys((*predecessors, *on_target)))
+            clause_jobs.append(Job(name, _grasp_point(name, assets[name]), target, point, after, agent))
             target = name if stacks else target
-        jobs, previous = [*jobs, *new], names
-        if "order" in said:
-            (last if said["order"] == "last" else first).append(names)
+        jobs, previous = [*jobs, *clause_jobs], names
+        if "order" in groups:
+            (last if groups["order"] == "last" else first).append(names)
     for names in first:
-        jobs = [job if job.thing in names else _after(job, names) for job in jobs]
+        jobs = [job if job.thing in names else _with_predecessors(job, names) for job in jobs]
     for names in last:
         others = tuple(job.thing for job in jobs if job.thing not in names)
-        jobs = [_after(job, others) if job.thing in names else job for job in jobs]
-    return Sentence(arms, tuple(_ordered(jobs, text)))
+        jobs = [_with_predecessors(job, others) if job.thing in names else job for job in jobs]
+    return Sentence(arms, tuple(_in_order(jobs, text)))
 
 
 def _clauses(text: str) -> list[tuple[str, bool]]:
     """Clauses in lower case without articles, each with whether it comes after the one before."""
-    found: list[tuple[str, bool]] = []
-    begin, follows = 0, False
-    plain = " ".join(text.casefold().split())
-    for match in [*_SPLIT.finditer(plain), None]:
-        part = plain[begin : match.start() if match else len(plain)]
+    clauses: list[tuple[str, bool]] = []
+    start, follows = 0, False
+    normalised = " ".join(text.casefold().split())
+    for match in [*_CLAUSE_SEPARATOR.finditer(normalised), None]:
+        part = normalised[start : match.start() if match else len(normalised)]
         part = re.sub(r"\b(?:the|a|an) ", "", part.removeprefix("and ").strip())
         if part:
-            found.append((part, follows and bool(found)))
+            clauses.append((part, follows and bool(clauses)))
             follows = False
         if match:
             follows = follows or "then" in match[0] or "after" in match[0]
-            begin = match.end()
-    return found
+            start = match.end()
+    return clauses
 
 
-def _arms(said: Mapping[str, str], clause: str) -> int:
-    if "agent" in said:
-        number = int(said["agent"])
-    elif (many := said.get("many")) is None:
+def _arm_count(groups: Mapping[str, str], clause: str) -> int:
+    if "agent" in groups:
+        count = int(groups["agent"])
+    elif (count_word := groups.get("many")) is None:
         return 1
-    elif many in NUMBERS or many.isdecimal():
-        number = NUMBERS.get(many) or int(many)
+    elif count_word in NUMBERS or count_word.isdecimal():
+        count = NUMBERS.get(count_word) or int(count_word)
     else:
-        raise ArgumentError(f"{clause!r}: {many!r} is no number of arms; expected 1 to {MOST_ARMS}")
-    if not 1 <= number <= MOST_ARMS:
-        raise ArgumentError(f"{clause!r} speaks of {number} arms; possible are 1 to {MOST_ARMS}")
-    return number
+        raise ArgumentError(f"{clause!r}: {count_word!r} is no number of arms; expected 1 to {MAX_ARMS}")
+    if not 1 <= count <= MAX_ARMS:
+        raise ArgumentError(f"{clause!r} speaks of {count} arms; possible are 1 to {MAX_ARMS}")
+    return count
 
 
-def _named(what: str, things: Mapping[str, Asset], clause: str) -> tuple[str, ...]:
+def _object_names(phrase: str, assets: Mapping[str, Asset], clause: str) -> tuple[str, ...]:
     """The objects that words stand for: by name, by kind, all of a kind, or several joined by `and`."""
-    if " and " in what:
-        return tuple(name for part in what.split(" and ") for name in _named(part, things, clause))
-    words = what.split()
+    if " and " in phrase:
+        return tuple(name for part in phrase.split(" and ") for name in _object_names(part, assets, clause))
+    words = phrase.split()
     count: int | None = 1
     if words[0] in ("all", "every", "each", "everything"):
         count, words = None, words[1:]
     elif words[0] in NUMBERS and len(words) > 1:
         count, words = NUMBERS[words[0]], words[1:]
-    fitting = _fitting(words, things) if words else tuple(things)
-    if not fitting:
-        raise ArgumentError(f"{clause!r}: there is no {' '.join(words)!r}; there are {_listed(things)}")
-    if count is not None and len(fitting) != count:
+    matches = _matching_names(words, assets) if words else tuple(assets)
+    if not matches:
+        raise ArgumentError(f"{clause!r}: there is no {' '.join(words)!r}; there are {_object_list(assets)}")
+    if count is not None and len(matches) != count:
         raise ArgumentError(
-            f"{clause!r}: {what!r} means {count} of {len(fitting)}: {', '.join(fitting)}; say which"
+            f"{clause!r}: {phrase!r} means {count} of {len(matches)}: {', '.join(matches)}; say which"
         )
-    return fitting
+    return matches
 
 
-def _fitting(words: Sequence[str], things: Mapping[str, Asset]) -> tuple[str, ...]:
+def _matching_names(words: Sequence[str], assets: Mapping[str, Asset]) -> tuple[str, ...]:
     """The objects of that name, else of that kind: a `red cube` is one called red_cube, or red_cube_2."""
-    said = [_singular(word) for word in words]
-    called = "_".join(said)
-    if called in things:
-        return (called,)
-    *adjectives, noun = said
+    singulars = [_singular(word) for word in words]
+    joined = "_".join(singulars)
+    if joined in assets:
+        return (joined,)
+    *adjectives, noun = singulars
     return tuple(
         name
-        for name, asset in things.items()
+        for name, asset in assets.items()
         if noun in (asset.name, re.sub(r"\d+$", "", name)) and set(adjectives) <= {*name.split("_")}
     )
 
@@ -165,17 +173,17 @@ def _singular(word: str) -> str:
 
 
 def _target(
-    said: Mapping[str, str],
-    things: Mapping[str, Asset],
+    groups: Mapping[str, str],
+    assets: Mapping[str, Asset],
     jobs: Sequence[Job],
     clause: str,
     names: Sequence[str],
 ) -> str:
     """The target of a clause; by default that of the last job before it."""
-    if "target" in said:
-        target, *others = _named(said["target"], things, clause)
+    if "target" in groups:
+        target, *others = _object_names(groups["target"], assets, clause)
         if others:
-            raise ArgumentError(f"{clause!r}: {said['target']!r} is more than one place; say which")
+            raise ArgumentError(f"{clause!r}: {groups['target']!r} is more than one place; say which")
     elif jobs:
         target = jobs[-1].target
     else:
@@ -185,53 +193,59 @@ def _target(
     return target
 
 
-def _point(
-    target: str, things: Mapping[str, Asset], preposition: str, jobs: Sequence[Job], name: str, clause: str
+def _free_point(
+    target: str, assets: Mapping[str, Asset], preposition: str, jobs: Sequence[Job], name: str, clause: str
 ) -> str:
     """The first free point of the target for another object."""
     kind, into = ("drop", "into") if preposition in ("into", "inside", "in") else ("place", "on")
-    points = [label for label, point in things[target].points.items() if point.kind == kind]
-    taken = {job.point: job.thing for job in jobs if job.target == target}
-    free = [label for label in points if label not in taken]
+    points = [label for label, point in assets[target].points.items() if point.kind == kind]
+    occupied = {job.point: job.thing for job in jobs if job.target == target}
+    free = [label for label in points if label not in occupied]
     if not points:
-        kinds = {known: {point.kind for point in asset.points.values()} for known, asset in things.items()}
-        able = ", ".join(known for known, has in kinds.items() if kind in has) or "nothing"
-        raise ArgumentError(f"{clause!r}: nothing can be put {into} {target}; what it can: {able}")
+        kinds = {
+            target_name: {point.kind for point in asset.points.values()}
+            for target_name, asset in assets.items()
+        }
+        suitable = (
+            ", ".join(target_name for target_name, point_kinds in kinds.items() if kind in point_kinds)
+            or "nothing"
+        )
+        raise ArgumentError(f"{clause!r}: nothing can be put {into} {target}; what it can: {suitable}")
     if not free:
         raise ArgumentError(
             f"{clause!r}: {name} has no place {preposition} {target}, which takes {len(points)}: there is "
-            f"{', '.join(taken.values())}"
+            f"{', '.join(occupied.values())}"
         )
     return free[0]
 
 
-def _grip(name: str, asset: Asset) -> str:
-    grips = [label for label, point in asset.points.items() if point.kind == "grasp"]
-    if not grips or asset.static:
+def _grasp_point(name: str, asset: Asset) -> str:
+    grasp_points = [label for label, point in asset.points.items() if point.kind == "grasp"]
+    if not grasp_points or asset.static:
         raise ArgumentError(f"{name} cannot be grasped; it is a {asset.name}")
-    return grips[0]
+    return grasp_points[0]
 
 
-def _after(job: Job, names: Sequence[str]) -> Job:
+def _with_predecessors(job: Job, names: Sequence[str]) -> Job:
     return replace(job, after=tuple(dict.fromkeys((*job.after, *names))))
 
 
-def _ordered(jobs: Sequence[Job], text: str) -> list[Job]:
+def _in_order(jobs: Sequence[Job], text: str) -> list[Job]:
     """Jobs in topological order. Raises ArgumentError for a cycle, or for an object with two jobs."""
     names = [job.thing for job in jobs]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ArgumentError(f"{text!r} puts {', '.join(twice)} somewhere twice; a thing has one place")
-    left, done = list(jobs), list[Job]()
-    while left:
-        ready = [job for job in left if {*job.after} <= {each.thing for each in done}]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ArgumentError(f"{text!r} puts {', '.join(repeated)} somewhere twice; a thing has one place")
+    remaining, ordered = list(jobs), list[Job]()
+    while remaining:
+        ready = [job for job in remaining if {*job.after} <= {placed.thing for placed in ordered}]
         if not ready:
-            circle = ", ".join(f"{job.thing} after {' and '.join(job.after)}" for job in left)
-            raise ArgumentError(f"{text!r}: no order has {circle}")
-        done.append(ready[0])
-        left.remove(ready[0])
-    return done
+            cycle = ", ".join(f"{job.thing} after {' and '.join(job.after)}" for job in remaining)
+            raise ArgumentError(f"{text!r}: no order has {cycle}")
+        ordered.append(ready[0])
+        remaining.remove(ready[0])
+    return ordered
 
 
-def _listed(things: Mapping[str, Asset]) -> str:
-    kinds = ((name, "" if name == asset.name else f" ({asset.name})") for name, asset in things.items())
+def _object_list(assets: Mapping[str, Asset]) -> str:
+    kinds = ((name, "" if name == asset.name else f" ({asset.name})") for name, asset in assets.items())
     return ", ".join(name + kind for name, kind in kinds)

@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.stl import Comparison, Execution, Signal, Specification, always, condition
+from rf_exp.constraints.stl import Comparison, Execution, Signal, Specification, always, condition_values
 from rf_exp.coordination import Rule
 from rf_exp.errors import ArgumentError
-from rf_exp.findings import About, Cause, CheckName, Finding, Found, Misread, Violation
+from rf_exp.findings import Cause, CheckName, FactArguments, Finding, FindingFacts, ParseError, Violation
 from rf_exp.statements import TABLE, VERBS, Event, LiesOn, Proposal, Statement, Step, agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import Kind, Scene, Subgoal
 
 _CAUSES: Mapping[Kind, Cause] = {"logical": Cause.INTERACTION, "temporal": Cause.TIME, "spatial": Cause.SPACE}
-_COMPARED: Mapping[str, Callable[..., bool]] = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
+_OPERATORS: Mapping[str, Callable[..., bool]] = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
 CHECKS: dict[type[Statement], type["Check"]] = {}  # kind of statement -> its check
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence(Found):
+class Evidence(FindingFacts):
     """Result of a check: never a bare bool."""
 
     ok: bool
@@ -34,7 +34,7 @@ class Evidence(Found):
 class Check(ABC):
     """One compiled constraint. Every kind is a small frozen dataclass, registered when it is defined."""
 
-    states: ClassVar[type[Statement]]  # the kind of statement that it is compiled from
+    statement_type: ClassVar[type[Statement]]  # the kind of statement that it is compiled from
     name: ClassVar[CheckName]  # of the paper's validation function
     unit: ClassVar[str]  # of value and bound; empty for a fraction
 
@@ -43,24 +43,26 @@ class Check(ABC):
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
-        if "states" in cls.__dict__:
-            CHECKS[cls.states] = cls
+        if "statement_type" in cls.__dict__:
+            CHECKS[cls.statement_type] = cls
 
     @property
     def kind(self) -> Kind:
         """Logical, temporal or spatial, as its statement is."""
-        return self.states.kind
+        return self.statement_type.kind
 
     @classmethod
-    def compiled(cls, stated: Statement, plans: "Plans") -> Self:
+    def from_statement(cls, statement: Statement, context: "PlanContext") -> Self:
         """The check of a statement about these plans; fields of the same name are copied.
 
         Raises ArgumentError where the statement does not fit the plans.
         """
-        make: Callable[..., Self] = cls
-        shared = {each: getattr(stated, each) for each in signature(cls).parameters if hasattr(stated, each)}
-        steps = {each: plans.step(event) for each, event in shared.items() if isinstance(event, Event)}
-        return make(**{**shared, **steps, "text": stated.sentence})
+        constructor: Callable[..., Self] = cls
+        arguments = {
+            name: getattr(statement, name) for name in signature(cls).parameters if hasattr(statement, name)
+        }
+        steps = {name: context.step(event) for name, event in arguments.items() if isinstance(event, Event)}
+        return constructor(**{**arguments, **steps, "text": statement.sentence})
 
     @abstractmethod
     def planned(self, plan: Plan) -> Evidence:
@@ -78,16 +80,22 @@ class Check(ABC):
     def stl(self, task: Task) -> Specification:
         """Its form in signal temporal logic."""
 
-    def found(
-        self, ok: bool, finding: Finding, value: float, bound: float, time_s: float, **about: Unpack[About]
+    def make_evidence(
+        self,
+        ok: bool,
+        finding: Finding,
+        value: float,
+        bound: float,
+        time_s: float,
+        **arguments: Unpack[FactArguments],
     ) -> Evidence:
         """Evidence about its agents, unless others are given; value and bound in its unit."""
-        facts: About = {"agents": self.agents, **about}
+        facts: FactArguments = {"agents": self.agents, **arguments}
         return Evidence(finding, value, bound, ok=ok, time_s=time_s, **facts)
 
-    def idle(self, plan: Plan, bound: float, value: float = 0.0) -> Evidence:
+    def not_applicable(self, plan: Plan, bound: float, value: float = 0.0) -> Evidence:
         """Evidence where nothing in a plan concerns it: it holds."""
-        return self.found(True, Finding.IDLE, value, bound, plan.begins_s)
+        return self.make_evidence(True, Finding.IDLE, value, bound, plan.begins_s)
 
 
 class BoundedCheck(Check):
@@ -102,23 +110,25 @@ class BoundedCheck(Check):
         """Index of the number (T,) that is nearest to the bound, or farthest beyond it; the first one."""
         return int(values.argmax() if self.comparison == "<=" else values.argmin())
 
-    def judged(self, value: float, time_s: float, **about: Unpack[About]) -> Evidence:
+    def evidence_for(self, value: float, time_s: float, **arguments: Unpack[FactArguments]) -> Evidence:
         """Evidence of one number, planned unless `measured` is given."""
-        bound = self.bounds[about.get("measured", False)]
-        ok = bool(_COMPARED[self.comparison](value, bound * self.rounding))
-        return self.found(ok, self.finding, float(value), bound, time_s, **about)
+        bound = self.bounds[arguments.get("measured", False)]
+        ok = bool(_OPERATORS[self.comparison](value, bound * self.rounding))
+        return self.make_evidence(ok, self.finding, float(value), bound, time_s, **arguments)
 
-    def formula(self, name: str, how: str, when: tuple[str, str] = ("", "")) -> Specification:
+    def formula(self, name: str, description: str, gate: tuple[str, str] = ("", "")) -> Specification:
         """Its STL form: a signal of the number, a condition `when` it counts; each a name and a meaning."""
 
-        def value(execution: Execution) -> NDArray[np.float64]:
-            return np.array([0.0 if each is None else each.value for each in execution.measured(self)])
+        def values(execution: Execution) -> NDArray[np.float64]:
+            return np.array(
+                [0.0 if evidence is None else evidence.value for evidence in execution.measured(self)]
+            )
 
-        def judged(execution: Execution) -> NDArray[np.float64]:
-            return condition(each is not None for each in execution.measured(self))
+        def applies(execution: Execution) -> NDArray[np.float64]:
+            return condition_values(evidence is not None for evidence in execution.measured(self))
 
-        gates = (Signal(when[0], "", when[1], judged),) if when[0] else ()
-        number = Signal(name, self.unit, f"{how}; 0 at other steps" if gates else how, value)
+        gates = (Signal(gate[0], "", gate[1], applies),) if gate[0] else ()
+        number = Signal(name, self.unit, f"{description}; 0 at other steps" if gates else description, values)
         margin = f"{name} {self.comparison} {self.bounds[True] * self.rounding!r}"
         formula = always([margin], self.unit, *gates, strict=self.comparison == ">")
         return Specification((formula,), (number, *gates))
@@ -137,63 +147,70 @@ class OneAgentCheck(Check):
 
 def violation(check: Check, evidence: Evidence) -> Violation:
     """The failed check as feedback."""
-    facts = {each.name: getattr(evidence, each.name) for each in fields(Found)}
+    facts = {field.name: getattr(evidence, field.name) for field in fields(FindingFacts)}
     facts |= {"unit": evidence.unit or check.unit, "constraint": check.text}
     return Violation(check=CheckName(check.name), cause=_CAUSES[check.kind], **facts)
 
 
-class Plans:
+class PlanContext:
     """Looks up the subgoals that a statement refers to; makes the errors where it does not fit them."""
 
-    def __init__(self, task: Task, proposal: Proposal, stated: Statement) -> None:
-        self._task, self._proposal, self._stated = task, proposal, stated
+    def __init__(self, task: Task, proposal: Proposal, statement: Statement) -> None:
+        self._task, self._proposal, self._statement = task, proposal, statement
 
-    def contacts(self, agent: int, name: str) -> list[Subgoal]:
+    def contact_subgoals(self, agent: int, name: str) -> list[Subgoal]:
         """The agent's subgoals that make contact with an object."""
-        mine = self._proposal.of(agent)
-        return [each for each in mine if each.object == name and VERBS[each.verb].is_contact]
+        own_subgoals = self._proposal.subgoals_of(agent)
+        return [
+            subgoal for subgoal in own_subgoals if subgoal.object == name and VERBS[subgoal.verb].is_contact
+        ]
 
-    def carriers(self, name: str) -> tuple[int, ...]:
+    def carrying_agents(self, name: str) -> tuple[int, ...]:
         """The agents with subgoals on an object; all agents where none has one."""
-        found = dict.fromkeys(each.agent for each in self._proposal.subgoals if each.object == name)
-        return tuple(found) or self._task.agents
+        agents = dict.fromkeys(subgoal.agent for subgoal in self._proposal.subgoals if subgoal.object == name)
+        return tuple(agents) or self._task.agents
 
     def step(self, event: Event) -> Step:
         """The part of a plan that an event begins or ends; the whole plan without a verb."""
         if isinstance(event, LiesOn):
-            return self._put_down(event)
-        planned = [(each.verb, each.object) for each in self._proposal.of(event.agent)]
+            return self._placing_step(event)
+        planned = [(subgoal.verb, subgoal.object) for subgoal in self._proposal.subgoals_of(event.agent)]
         if event.verb is None or (event.verb, event.object) in planned:
             return event
         if event.verb == "release" and ("place", event.object) in planned:
             return Step(event.agent, "place", event.object)  # ends with the release
-        raise self.no_subgoal(event.text, event.agent)
+        raise self.missing_subgoal_error(event.text, event.agent)
 
-    def place(self, agent: int, name: str, target: str) -> None:
+    def require_place_subgoal(self, agent: int, name: str, target: str) -> None:
         """Raises ArgumentError unless the agent has a subgoal to place the object at the target."""
         wanted = "place", name, target
-        if not any((each.verb, each.object, each.target) == wanted for each in self._proposal.of(agent)):
-            raise self.no_subgoal(f"{agent_name(agent)}: place {name} to {target}", agent)
+        if not any(
+            (subgoal.verb, subgoal.object, subgoal.target) == wanted
+            for subgoal in self._proposal.subgoals_of(agent)
+        ):
+            raise self.missing_subgoal_error(f"{agent_name(agent)}: place {name} to {target}", agent)
 
-    def _put_down(self, event: LiesOn) -> Step:
+    def _placing_step(self, event: LiesOn) -> Step:
         places = [
-            each for each in self._proposal.subgoals if (each.verb, each.object) == ("place", event.object)
+            subgoal
+            for subgoal in self._proposal.subgoals
+            if (subgoal.verb, subgoal.object) == ("place", event.object)
         ]
-        for each in reversed(places):
-            on_table = each.target not in self._task.objects  # named places are on it
-            if each.target == event.surface or (event.surface == TABLE and on_table):
-                return Step(each.agent, "place", event.object)
-        listed = "; ".join(f"{agent_name(each.agent)}: {each.text}" for each in places) or "none"
-        raise self.refused(
-            f"speaks of when {event.ended}, but no subgoal puts {event.object} there; those that put it "
+        for subgoal in reversed(places):
+            on_table = subgoal.target not in self._task.objects  # named places are on it
+            if subgoal.target == event.surface or (event.surface == TABLE and on_table):
+                return Step(subgoal.agent, "place", event.object)
+        listed = "; ".join(f"{agent_name(subgoal.agent)}: {subgoal.text}" for subgoal in places) or "none"
+        raise self.error(
+            f"speaks of when {event.end_text}, but no subgoal puts {event.object} there; those that put it "
             f"somewhere: {listed}"
         )
 
-    def no_subgoal(self, what: str, agent: int) -> ArgumentError:
-        listed = "; ".join(subgoal.text for subgoal in self._proposal.of(agent)) or "none"
-        return self.refused(
-            f"speaks of {what}, which is no subgoal of {agent_name(agent)}; its subgoals: {listed}"
+    def missing_subgoal_error(self, description: str, agent: int) -> ArgumentError:
+        listed = "; ".join(subgoal.text for subgoal in self._proposal.subgoals_of(agent)) or "none"
+        return self.error(
+            f"speaks of {description}, which is no subgoal of {agent_name(agent)}; its subgoals: {listed}"
         )
 
-    def refused(self, why: str) -> ArgumentError:
-        return Misread(f"constraint {self._stated.sentence!r} {why}", Finding.UNFITTING_CONSTRAINT)
+    def error(self, why: str) -> ArgumentError:
+        return ParseError(f"constraint {self._statement.sentence!r} {why}", Finding.UNFITTING_CONSTRAINT)

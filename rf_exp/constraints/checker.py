@@ -11,24 +11,29 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from rf_exp.constraints.check import CHECKS, Check, Evidence, Plans, violation
-from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgentsCheck, AvoidObjectsCheck, touching
+from rf_exp.constraints.check import CHECKS, Check, Evidence, PlanContext, violation
+from rf_exp.constraints.checks.avoidance import (
+    TRACKING_LAG_STEPS,
+    AvoidAgentsCheck,
+    AvoidObjectsCheck,
+    contact_evidence,
+)
 from rf_exp.constraints.checks.before import BeforeCheck
 from rf_exp.constraints.checks.speed_limit import SpeedLimitCheck
 from rf_exp.constraints.checks.together import TogetherCheck
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential
-from rf_exp.findings import About, Cause, CheckName, Finding, Violation
+from rf_exp.findings import Cause, CheckName, FactArguments, Finding, Violation
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Separation, Touches
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory, arm_of
 
-Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb the agent's whole plan
+PlanPart = tuple[int, str | None, str | None]  # agent, verb, object; without a verb the agent's whole plan
 
 TRACKING_RAD = 0.15  # joint error, lag excluded
 LOST_STEPS = 4  # control steps without grip before an object counts as lost
-_WATCHED: Mapping[Finding, tuple[CheckName, Cause, str]] = {  # check, cause, unit
+_MONITOR_CHECKS: Mapping[Finding, tuple[CheckName, Cause, str]] = {  # check, cause, unit
     Finding.PUSHES: (CheckName.COLLISION, Cause.CONTACT, "N"),
     Finding.HIT: (CheckName.COLLISION, Cause.CONTACT, "N"),
     Finding.DROPPED: (CheckName.INTERACTION, Cause.GRIP, "s"),
@@ -45,7 +50,7 @@ class CheckCode:
     def __repr__(self) -> str:
         return " and ".join(map(repr, self.checks)) or "True"
 
-    def of(self, constraint_set: ConstraintSet) -> tuple[Check, ...]:
+    def enabled(self, constraint_set: ConstraintSet) -> tuple[Check, ...]:
         """The checks that a row of the ablation has switched on."""
         return tuple(check for check in self.checks if check.kind not in constraint_set.off)
 
@@ -54,20 +59,20 @@ def checked_kinds() -> Mapping[type[Statement], type[Check]]:
     return dict(CHECKS)
 
 
-def compiled(stated: Statement, task: Task, proposal: Proposal) -> Check:
+def compile_statement(statement: Statement, task: Task, proposal: Proposal) -> Check:
     """The check of a statement, compiled against the subgoals, objects and points of a plan.
 
     Raises ArgumentError where the statement does not fit the plan, TypeError for a kind that has no check.
     """
-    known, kind = stated.known_in(task.vocabulary), CHECKS.get(type(stated))
-    if kind is None:
-        raise TypeError(f"no check states that it is of {type(stated).__name__}")
-    return kind.compiled(known, Plans(task, proposal, stated))
+    validated, check_type = statement.checked_against(task.vocabulary), CHECKS.get(type(statement))
+    if check_type is None:
+        raise TypeError(f"no check has the statement_type {type(statement).__name__}")
+    return check_type.from_statement(validated, PlanContext(task, proposal, statement))
 
 
-def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) -> CheckCode:
+def compile_constraints(constraints: Sequence[Statement], task: Task, proposal: Proposal) -> CheckCode:
     """The check code of constraints. Raises ArgumentError for one that is not understood or does not fit."""
-    return CheckCode(tuple(compiled(stated, task, proposal) for stated in constraints))
+    return CheckCode(tuple(compile_statement(statement, task, proposal) for statement in constraints))
 
 
 class Monitor:
@@ -75,72 +80,93 @@ class Monitor:
 
     def __init__(self, plan: Plan, checks: Sequence[Check]) -> None:
         self._plan, self._checks = plan, checks
-        self._lost: dict[int, int] = {}  # agent -> control steps since it held what it should carry
+        self._steps_without_grip: dict[
+            int, int
+        ] = {}  # agent -> control steps since it held what it should carry
         self._reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
 
     def __call__(self, scene: Scene) -> Violation | None:
         plan = self._plan
-        touched: set[tuple[int, ...]] = set()
+        checked_agents: set[tuple[int, ...]] = set()
         for check in self._checks:
             if isinstance(check, AvoidAgentsCheck):  # one pair is often named by several constraints
                 key = check.agents if len(check.agents) > 1 else plan.task.agents
-                if key in touched:
+                if key in checked_agents:
                     continue
-                touched.add(key)
+                checked_agents.add(key)
                 check = AvoidAgentsCheck(key, check.text)
             evidence = check.measured(scene, plan)
             if evidence is not None and not evidence.ok:
                 return violation(check, evidence)
-        now = {agent: plan.position_now(agent, scene) for agent in plan.task.agents}
-        return self._struck(scene, now) or self._dropped(scene, now) or self._strayed(scene)
+        positions = {agent: plan.position_now(agent, scene) for agent in plan.task.agents}
+        return (
+            self._collision(scene, positions)
+            or self._lost_object(scene, positions)
+            or self._tracking_error(scene)
+        )
 
-    def _struck(self, scene: Scene, now: Mapping[int, int]) -> Violation | None:
+    def _collision(self, scene: Scene, positions: Mapping[int, int]) -> Violation | None:
         """Arms push each other, or an object outside their segment, so hard that a real arm would stop."""
         plan, reflex_n = self._plan, self._reflex_n
         forces: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
             (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
         ]
         for (agent, name), force in scene.finger_forces.items():
-            segment = plan.trajectory(agent).segment_at(now[agent])
-            if segment is None or name not in segment.about:
+            segment = plan.trajectory(agent).segment_at(positions[agent])
+            if segment is None or name not in segment.involved_names:
                 forces.append((float(np.linalg.norm(force)), (agent,), (name,)))
-        numbers = {f"agent{agent}": agent for agent in plan.task.agents}
-        forces += [(n, (numbers[who],), (name,)) for who, name, n in scene.clutter_contacts if who in numbers]
-        hits = [each for each in forces if each[0] > min(reflex_n[agent] for agent in each[1])]
-        if not hits:
+        agent_of_name = {f"agent{agent}": agent for agent in plan.task.agents}
+        forces += [
+            (force_n, (agent_of_name[source],), (name,))
+            for source, name, force_n in scene.clutter_contacts
+            if source in agent_of_name
+        ]
+        collisions = [
+            collision for collision in forces if collision[0] > min(reflex_n[agent] for agent in collision[1])
+        ]
+        if not collisions:
             return None
-        force_n, agents, things = max(hits)
-        finding, bound_n = Finding.PUSHES if things else Finding.HIT, min(reflex_n[agent] for agent in agents)
-        does = plan.doing(agents, [now[agent] for agent in agents])
-        return _seen(scene, finding, force_n, bound_n, agents=agents, obstacles=things, doing=does)
+        force_n, agents, objects = max(collisions)
+        finding, bound_n = (
+            Finding.PUSHES if objects else Finding.HIT,
+            min(reflex_n[agent] for agent in agents),
+        )
+        activities = plan.doing(agents, [positions[agent] for agent in agents])
+        return _measured_violation(
+            scene, finding, force_n, bound_n, agents=agents, obstacles=objects, doing=activities
+        )
 
-    def _dropped(self, scene: Scene, now: Mapping[int, int]) -> Violation | None:
+    def _lost_object(self, scene: Scene, positions: Mapping[int, int]) -> Violation | None:
         """An agent no longer holds the object that it should carry."""
         plan = self._plan
         for agent in plan.task.agents:
-            position = now[agent]
+            position = positions[agent]
             segment = plan.trajectory(agent).segment_at(position) if position > 0 else None
-            carried = segment.gripped if segment is not None else None
-            holds = carried is None or scene.held[agent - 1] == carried
-            self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
-            if self._lost[agent] >= LOST_STEPS and segment is not None:
-                numbers = self._lost[agent] * CONTROL_DT_S, LOST_STEPS * CONTROL_DT_S
-                does = plan.doing((agent,), (position,))
-                return _seen(scene, Finding.DROPPED, *numbers, agents=(agent,), object=carried, doing=does)
+            carried = segment.grasped_object if segment is not None else None
+            has_grip = carried is None or scene.held[agent - 1] == carried
+            self._steps_without_grip[agent] = 0 if has_grip else self._steps_without_grip.get(agent, 0) + 1
+            if self._steps_without_grip[agent] >= LOST_STEPS and segment is not None:
+                durations_s = self._steps_without_grip[agent] * CONTROL_DT_S, LOST_STEPS * CONTROL_DT_S
+                activities = plan.doing((agent,), (position,))
+                return _measured_violation(
+                    scene, Finding.DROPPED, *durations_s, agents=(agent,), object=carried, doing=activities
+                )
         return None
 
-    def _strayed(self, scene: Scene) -> Violation | None:
+    def _tracking_error(self, scene: Scene) -> Violation | None:
         """A measured arm is far from all of its recent joint targets."""
         plan = self._plan
         for trajectory in plan.trajectories:
             agent = trajectory.agent
-            recent = plan.recent(agent, scene, TRAILS_STEPS)
+            recent = plan.recent_positions(agent, scene, TRACKING_LAG_STEPS)
             path = arm_of(trajectory.path())
             targets = path[recent[0] : recent[-1] + 1]  # agents only move forward on a path
             error = float(np.abs(targets - scene.qpos[agent - 1, : path.shape[1]]).max(axis=1).min())
             if error > TRACKING_RAD:
-                does = plan.doing((agent,), recent[-1:])
-                return _seen(scene, Finding.STRAYED, error, TRACKING_RAD, agents=(agent,), doing=does)
+                activities = plan.doing((agent,), recent[-1:])
+                return _measured_violation(
+                    scene, Finding.STRAYED, error, TRACKING_RAD, agents=(agent,), doing=activities
+                )
         return None
 
 
@@ -154,19 +180,21 @@ class PolicyMonitor:
 
     def __init__(self, task: Task) -> None:
         self._separation = Separation(task)
-        self._pairs, things = tuple(combinations(task.agents, 2)), frozenset(task.objects)
-        self._may_touch: Touches = lambda agent: things
+        self._pairs, objects = tuple(combinations(task.agents, 2)), frozenset(task.objects)
+        self._may_touch: Touches = lambda agent: objects
 
     def __call__(self, scene: Scene) -> Violation | None:
-        found = touching(self._separation, scene.true, self._pairs, self._may_touch)
-        if found is None:
+        evidence = contact_evidence(self._separation, scene.with_true_joints, self._pairs, self._may_touch)
+        if evidence is None:
             return None
-        return violation(AvoidAgentsCheck(found.agents), found)
+        return violation(AvoidAgentsCheck(evidence.agents), evidence)
 
 
-def _seen(scene: Scene, finding: Finding, value: float, bound: float, **about: Unpack[About]) -> Violation:
-    check, cause, unit = _WATCHED[finding]
-    facts: About = {"measured": True, **about}
+def _measured_violation(
+    scene: Scene, finding: Finding, value: float, bound: float, **arguments: Unpack[FactArguments]
+) -> Violation:
+    check, cause, unit = _MONITOR_CHECKS[finding]
+    facts: FactArguments = {"measured": True, **arguments}
     return Violation(finding, value, bound, unit, check=check, cause=cause, time_s=scene.time_s, **facts)
 
 
@@ -181,21 +209,21 @@ class CheckedPlan:
     @property
     def violations(self) -> list[Violation]:
         """The violations of failed checks, earliest first."""
-        found = zip(self.checks, self.evidence, strict=True)
-        failed = [violation(check, evidence) for check, evidence in found if not evidence.ok]
-        return sorted(failed, key=lambda each: each.time_s)
+        results = zip(self.checks, self.evidence, strict=True)
+        failed = [violation(check, evidence) for check, evidence in results if not evidence.ok]
+        return sorted(failed, key=lambda violation: violation.time_s)
 
     def monitor(self) -> Monitor:
         return Monitor(self.plan, self.checks)
 
     def certificate(self) -> dict[str, Any]:
         """The checks before execution with their results; plain JSON values."""
-        timed = self.plan.schedule
+        schedule = self.plan.schedule
         return {
             "row": self.plan.paths.constraint_set.name,
             "margins_m": {"agents": AGENT_MARGIN_M, "objects": OBJECT_MARGIN_M},
-            "makespan_s": len(timed) * CONTROL_DT_S,
-            "makespan_bound_s": timed.makespan_bound * CONTROL_DT_S,
+            "makespan_s": len(schedule) * CONTROL_DT_S,
+            "makespan_bound_s": schedule.makespan_bound * CONTROL_DT_S,
             "checks": [
                 {
                     "check": check.name,
@@ -223,9 +251,9 @@ class RoboChecker:
 
     def __init__(self, task: Task, proposal: Proposal, constraint_set: ConstraintSet) -> None:
         self._task, self._constraint_set, self._proposal = task, constraint_set, proposal
-        self.code = compile(proposal.constraints, task, proposal)
-        implied = _implied(task, self.code.checks) if constraint_set.spatial else ()
-        self.checks = *self.code.of(constraint_set), *implied
+        self.code = compile_constraints(proposal.constraints, task, proposal)
+        implied = _implied_checks(task, self.code.checks) if constraint_set.spatial else ()
+        self.checks = *self.code.enabled(constraint_set), *implied
 
     def rules(self, paths: Paths) -> tuple[Rule, ...]:
         """The rules of the active constraints for a schedule, temporal ones first."""
@@ -242,16 +270,18 @@ class RoboChecker:
         )
 
     @property
-    def speeds_m_s(self) -> dict[int, float]:
+    def speed_limits_m_s(self) -> dict[int, float]:
         """Agent -> maximum speed of its gripper, for agents with a limit in this row."""
-        found: dict[int, float] = {}
+        limits_m_s: dict[int, float] = {}
         for check in self.checks:
             if isinstance(check, SpeedLimitCheck):
-                found[check.agent] = min(check.at_most_m_s, found.get(check.agent, check.at_most_m_s))
-        return found
+                limits_m_s[check.agent] = min(
+                    check.at_most_m_s, limits_m_s.get(check.agent, check.at_most_m_s)
+                )
+        return limits_m_s
 
     @property
-    def order(self) -> tuple[tuple[Part, Part], ...]:
+    def order(self) -> tuple[tuple[PlanPart, PlanPart], ...]:
         """(first, then) of the orders that are active in this row."""
         orders = [check.steps for check in self.checks if isinstance(check, BeforeCheck)]
         return tuple((astuple(first), astuple(then)) for first, then in orders)
@@ -266,31 +296,31 @@ class RoboChecker:
         delays: Delays | None = None,
         *,
         turns: Sequence[Subgoal] | None = None,
-        also: Sequence[Rule] = (),
+        extra_rules: Sequence[Rule] = (),
     ) -> Schedule | Violation:
         """The shortest schedule where temporal constraints are on, otherwise one in which agents take turns.
 
-        Turns follow the order of the proposal unless given. `also` are rules besides those of the code.
+        Turns follow the order of the proposal unless given. `extra_rules` come besides those of the code.
         """
         trajectories = paths.trajectories
         if not self._constraint_set.temporal:
-            in_turn = self._proposal if turns is None else replace(self._proposal, subgoals=tuple(turns))
-            return sequential(trajectories, in_turn)
+            proposal = self._proposal if turns is None else replace(self._proposal, subgoals=tuple(turns))
+            return sequential(trajectories, proposal)
         diagrams = paths.diagrams if self._constraint_set.spatial else {}
-        rules = (*self.rules(paths), *also)
+        rules = (*self.rules(paths), *extra_rules)
         return schedule(trajectories, diagrams, rules, delays, begins_s=paths.scene.time_s)
 
-    def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
+    def check(self, paths: Paths, schedule: Schedule) -> CheckedPlan:
         """All checks on a plan before execution."""
-        plan = Plan(paths, timed)
+        plan = Plan(paths, schedule)
         return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
 
 
-def _implied(task: Task, checks: Sequence[Check]) -> tuple[Check, ...]:
+def _implied_checks(task: Task, checks: Sequence[Check]) -> tuple[Check, ...]:
     """Clearance checks for pairs and agents that the code does not mention."""
     pairs = {pair for check in checks if isinstance(check, AvoidAgentsCheck) for pair in check.pairs(task)}
     watched = {agent for check in checks if isinstance(check, AvoidObjectsCheck) for agent in check.agents}
-    silent = tuple(agent for agent in task.agents if agent not in watched)
+    unwatched = tuple(agent for agent in task.agents if agent not in watched)
     text = "implied: nothing was said about it"
     agents = (AvoidAgentsCheck(pair, text) for pair in combinations(task.agents, 2) if pair not in pairs)
-    return (*agents, *((AvoidObjectsCheck(silent, text),) if silent else ()))
+    return (*agents, *((AvoidObjectsCheck(unwatched, text),) if unwatched else ()))

@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.check import Check
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.stl import CLOCK_S, VOID, Execution, Signal, condition, named
+from rf_exp.constraints.stl import (
+    MAX_MARGIN,
+    TIME_TOLERANCE_S,
+    Execution,
+    Signal,
+    condition_values,
+    identifier,
+)
 from rf_exp.coordination import Demands
 from rf_exp.findings import CheckName
 from rf_exp.statements import Step
@@ -17,11 +24,11 @@ from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Trajectory
 
 def span(step: Step, trajectory: Trajectory) -> tuple[int, int] | None:
     """First and last path position of a part of a plan; None when the trajectory has no such part."""
-    found: list[int] = []
+    bounds: list[int] = []
     for segment, start, end in trajectory.intervals:
         if step.verb is None or (segment.subgoal.verb, segment.subgoal.object) == (step.verb, step.object):
-            found += [start, end]
-    return (found[0], found[-1]) if found else None
+            bounds += [start, end]
+    return (bounds[0], bounds[-1]) if bounds else None
 
 
 def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
@@ -56,13 +63,13 @@ class TimedCheck(Check):
 
     def spans(self, demands: Demands) -> list[tuple[int, int, int]]:
         """(agent, first path position, last one) of its parts that the plan has."""
-        found = [(step.agent, span(step, demands.trajectory(step.agent))) for step in self.steps]
-        return [(agent, *positions) for agent, positions in found if positions is not None]
+        spans = [(step.agent, span(step, demands.trajectory(step.agent))) for step in self.steps]
+        return [(agent, *positions) for agent, positions in spans if positions is not None]
 
     def times_s(self, plan: Plan) -> list[tuple[float, float]]:
         """Beginning and end of its parts that the plan has, since the start of the plan."""
-        found = [times_s(step, plan) for step in self.steps]
-        return [each for each in found if each is not None]
+        times = [times_s(step, plan) for step in self.steps]
+        return [interval for interval in times if interval is not None]
 
 
 def steps_within(within_s: float) -> int:
@@ -70,33 +77,36 @@ def steps_within(within_s: float) -> int:
     return int(min(within_s, 1e6) * CONTROL_HZ + 1e-9)
 
 
-def since(step: Step, edge: Literal["begin", "end"]) -> Signal:
+def elapsed_signal(step: Step, edge: Literal["begin", "end"]) -> Signal:
     """Signal of the time in s since the first or the last step of a part; negative before it."""
 
-    def since_s(execution: Execution) -> NDArray[np.float64]:
+    def elapsed_s(execution: Execution) -> NDArray[np.float64]:
         times = times_s(step, execution.plan)
         if times is None:  # a part that is not in the plan violates nothing
-            return np.full(len(execution), VOID)
+            return np.full(len(execution), MAX_MARGIN)
         return execution.clock_s - times[edge == "end"]
 
-    last = "last" if edge == "end" else "first"
-    how = f"since the command of the {last} step of {step.text}; negative before it"
-    return Signal(named("since", edge, *step_parts(step)), "s", how, since_s)
+    step_name = "last" if edge == "end" else "first"
+    description = f"since the command of the {step_name} step of {step.text}; negative before it"
+    return Signal(identifier("since", edge, *step_name_parts(step)), "s", description, elapsed_s)
 
 
-def begun(step: Step) -> Signal:
+def begun_signal(step: Step) -> Signal:
     def has_begun(execution: Execution) -> NDArray[np.float64]:
         begins_s, _ = times_s(step, execution.plan) or (np.inf, np.inf)
-        return condition(execution.clock_s >= begins_s - CLOCK_S)
+        return condition_values(execution.clock_s >= begins_s - TIME_TOLERANCE_S)
 
-    name, how = named("begun", *step_parts(step)), f"{step.text} has begun, by the commands given"
-    return Signal(name, "", how, has_begun)
+    name, description = (
+        identifier("begun", *step_name_parts(step)),
+        f"{step.text} has begun, by the commands given",
+    )
+    return Signal(name, "", description, has_begun)
 
 
-def step_parts(step: Step) -> tuple[object, ...]:
+def step_name_parts(step: Step) -> tuple[object, ...]:
     """Parts of the name of a signal about a step."""
     return step.agent, *(part for part in (step.verb, step.object) if part)
 
 
-def about(step: Step) -> str:
-    return f", {step.does('')}" if step.verb else ""
+def step_suffix(step: Step) -> str:
+    return f", {step.action_text('')}" if step.verb else ""

@@ -17,9 +17,9 @@ from rf_exp.geometry import (
     Separation,
     Swept,
     closer_than,
-    joined,
+    merged,
 )
-from rf_exp.perception import Seen
+from rf_exp.perception import OccupancyMap
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
@@ -34,8 +34,8 @@ from rf_exp.types import (
     gripper_of,
 )
 
-MEASURED_M = 0.02  # tolerance of a measured gripper position
-FINER = 8  # positions per control step on finer paths
+MEASUREMENT_TOLERANCE_M = 0.02  # tolerance of a measured gripper position
+REFINEMENT = 8  # positions per control step on finer paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,17 +65,19 @@ class Paths:
         }
 
     @cached_property
-    def still(self) -> tuple[Swept, ...]:
-        """Static obstacles of each agent: the objects, or what cameras see where the scene has `seen`."""
-        if self.scene.seen is None:
-            return (self.planning_scene.standing(),) * len(self.trajectories)
-        seen, moved, found = Seen(self.planning_scene), self.planning_scene.moved, []
+    def static_obstacles(self) -> tuple[Swept, ...]:
+        """Static obstacles of each agent: the objects, or what cameras see if the scene has voxels."""
+        if self.scene.occupied_voxels is None:
+            return (self.planning_scene.static_objects(),) * len(self.trajectories)
+        perceived, moved, obstacles = OccupancyMap(self.planning_scene), self.planning_scene.moved, []
         for trajectory in self.trajectories:
-            about = {name for segment in trajectory.segments for name in segment.about}
-            about &= set(self.task.objects)
-            boxes, exactly = seen.obstacles(trajectory.agent, about | moved)
-            found.append(joined([self.planning_scene.standing(sorted(exactly - moved)), boxes]))
-        return tuple(found)
+            involved_names = {name for segment in trajectory.segments for name in segment.involved_names}
+            involved_names &= set(self.task.objects)
+            boxes, known_objects = perceived.obstacles(trajectory.agent, involved_names | moved)
+            obstacles.append(
+                merged([self.planning_scene.static_objects(sorted(known_objects - moved)), boxes])
+            )
+        return tuple(obstacles)
 
     @cached_property
     def blocked(self) -> tuple[Mask, ...]:
@@ -84,28 +86,34 @@ class Paths:
         Between two positions a fast arm may move further than a gap is wide, so positions that the bound
         on the motion flags are checked again on a finer path.
         """
-        found = []
-        for trajectory, body, still in zip(self.trajectories, self.swept, self.still, strict=True):
-            near = closer_than(body, still, OBJECT_MARGIN_M)[:, 0]
-            if near.any():
-                close = closer_than(self.finer(trajectory.agent), still, OBJECT_MARGIN_M)[:, 0]
-                near = np.array([close[self.around(at)].any() for at in range(len(near))])
-            found.append(near | self.planning_scene.below_table(body))
-        return tuple(found)
+        blocked = []
+        for trajectory, body, obstacles in zip(
+            self.trajectories, self.swept, self.static_obstacles, strict=True
+        ):
+            close = closer_than(body, obstacles, OBJECT_MARGIN_M)[:, 0]
+            if close.any():
+                refined_close = closer_than(self.refined(trajectory.agent), obstacles, OBJECT_MARGIN_M)[:, 0]
+                close = np.array(
+                    [refined_close[self.refined_slice(position)].any() for position in range(len(close))]
+                )
+            blocked.append(close | self.planning_scene.below_table(body))
+        return tuple(blocked)
 
-    def finer(self, agent: int) -> Swept:
-        """An agent along its trajectory, with FINER positions for each path position."""
-        return self.planning_scene.along(_finer(self.trajectory(agent)))
+    def refined(self, agent: int) -> Swept:
+        """An agent along its trajectory, with REFINEMENT positions for each path position."""
+        return self.planning_scene.along(_refined(self.trajectory(agent)))
 
     @staticmethod
-    def around(position: int) -> slice:
+    def refined_slice(position: int) -> slice:
         """The finer positions that are nearest to a path position."""
-        return slice(max(0, FINER * position - FINER // 2), FINER * position + FINER // 2 + 1)
+        return slice(
+            max(0, REFINEMENT * position - REFINEMENT // 2), REFINEMENT * position + REFINEMENT // 2 + 1
+        )
 
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
 
-    def grippers_m(self, agent: int) -> NDArray[np.float64]:
+    def gripper_positions_m(self, agent: int) -> NDArray[np.float64]:
         """(P, 3) the tool centre point of an agent at its path positions, world frame."""
         return self.task.arms[agent].tcp(self.trajectory(agent).path())[:, :3, 3]
 
@@ -146,7 +154,7 @@ class Plan:
         """Start of the plan, on the clock of the episode."""
         return self.scene.time_s
 
-    def carried(self, segment: Segment, rows: slice | int = slice(None)) -> NDArray[np.float64]:
+    def attached_object_poses(self, segment: Segment, rows: slice | int = slice(None)) -> NDArray[np.float64]:
         """(..., 4, 4) world_from_object of a segment's attached object, at all steps (T,) or at `rows`."""
         tcp = self.task.arms[segment.agent].tcp(segment.qpos[rows])
         return self.planning_scene.attached(segment, tcp, rows)
@@ -161,26 +169,28 @@ class Plan:
 
     def position_now(self, agent: int, scene: Scene) -> int:
         """Path position commanded to the agent in the step before this scene was measured."""
-        return int(self.recent(agent, scene)[-1])
+        return int(self.recent_positions(agent, scene)[-1])
 
-    def recent(self, agent: int, scene: Scene, before: int = 0) -> NDArray[np.int64]:
-        """(1 to before + 1,) path positions of an agent at that step and at the `before` steps before it."""
+    def recent_positions(self, agent: int, scene: Scene, steps_before: int = 0) -> NDArray[np.int64]:
+        """(1 to steps_before + 1,) path positions of an agent then and `steps_before` steps before."""
         positions, now = self.positions(agent), scene.step - self.scene.step
-        first, last = (min(max(step, 0), len(positions) - 1) for step in (now - before, now))
+        first, last = (min(max(step, 0), len(positions) - 1) for step in (now - steps_before, now))
         return positions[first : last + 1]
 
     def first_step(self, agents: Iterable[int], positions: Iterable[int]) -> int:
         """The first control step at which agents are at these path positions, all at once."""
-        there = [self.positions(agent) == at for agent, at in zip(agents, positions, strict=True)]
-        return int(np.flatnonzero(np.all(there, axis=0))[0])
+        matches = [
+            self.positions(agent) == position for agent, position in zip(agents, positions, strict=True)
+        ]
+        return int(np.flatnonzero(np.all(matches, axis=0))[0])
 
-    def step_s(self, step: int) -> float:
+    def step_end_s(self, step: int) -> float:
         """End of a control step, on the clock of the episode."""
         return self.begins_s + step * CONTROL_DT_S
 
     def time_s(self, agent: int, position: int) -> float:
         """Time at which an agent first is at a path position, on the clock of the episode."""
-        return self.step_s(int(np.searchsorted(self.positions(agent), position)))
+        return self.step_end_s(int(np.searchsorted(self.positions(agent), position)))
 
     def doing(self, agents: Iterable[int], positions: Iterable[int]) -> tuple[Doing | None, ...]:
         """Activity of each of these agents at its path position."""
@@ -188,19 +198,19 @@ class Plan:
         return tuple(doing(trajectory.segment_at(int(position))) for trajectory, position in pairs)
 
 
-def resampled(segment: Segment, path: NDArray[np.float64], at: NDArray[np.float64]) -> Segment:
-    """The same motion at positions `at` (T,) of its own path (len + 1, dof + 1), linearly interpolated."""
-    rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-    opened_rad = segment.opened_rad
-    if opened_rad is not None:
-        opened_rad = np.interp(at, np.arange(1, len(path)), opened_rad)
-    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows), opened_rad=opened_rad)
+def resampled(segment: Segment, path: NDArray[np.float64], positions: NDArray[np.float64]) -> Segment:
+    """The same motion at `positions` (T,) of its own path (len + 1, dof + 1), linearly interpolated."""
+    rows = np.column_stack([np.interp(positions, np.arange(len(path)), column) for column in path.T])
+    hinge_rad = segment.hinge_rad
+    if hinge_rad is not None:
+        hinge_rad = np.interp(positions, np.arange(1, len(path)), hinge_rad)
+    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows), hinge_rad=hinge_rad)
 
 
-def _finer(trajectory: Trajectory) -> Trajectory:
-    """The same motion with FINER positions for each path position."""
+def _refined(trajectory: Trajectory) -> Trajectory:
+    """The same motion with REFINEMENT positions for each path position."""
     path, segments = trajectory.path(), []
     for segment, start, end in trajectory.intervals:
-        at = np.arange(1, FINER * len(segment) + 1) / FINER
-        segments.append(resampled(segment, path[start : end + 1], at))
+        positions = np.arange(1, REFINEMENT * len(segment) + 1) / REFINEMENT
+        segments.append(resampled(segment, path[start : end + 1], positions))
     return replace(trajectory, segments=tuple(segments))

@@ -6,9 +6,10 @@ The text is in the specification language of rtamt. A formula has one unit, so t
 in that unit; a check with numbers in several units, or with unrelated margins, has several formulas, and
 holds when all of them do.
 
-A condition ("while Agent_1 holds lid") is VOID where it is true and -VOID where not: more than any margin, so
-the robustness of `always (condition implies margin)` is the least margin, or VOID where nothing was judged.
-Every check has an STL form (`Check.stl`). rtamt is an optional dependency, imported at the first evaluation.
+A condition ("while Agent_1 holds lid") is MAX_MARGIN where it is true and -MAX_MARGIN where not: more than
+any margin, so the robustness of `always (condition implies margin)` is the least margin, or MAX_MARGIN where
+nothing was judged. Every check has an STL form (`Check.stl`). rtamt is an optional dependency, imported at
+the first evaluation.
 """
 
 import io
@@ -29,8 +30,8 @@ from rf_exp.types import CONTROL_DT_S, Scene
 if TYPE_CHECKING:
     from rf_exp.constraints.check import Check, Evidence
 
-VOID = 1e9  # in any unit, larger than any margin
-CLOCK_S = 1e-9  # tolerance of the checks of time
+MAX_MARGIN = 1e9  # in any unit, larger than any margin
+TIME_TOLERANCE_S = 1e-9  # tolerance of the checks of time
 Comparison = Literal["<=", ">=", ">"]
 
 
@@ -64,7 +65,7 @@ class Execution:
     def values(self, signal: "Signal") -> NDArray[np.float64]:
         """(T,) values of a signal."""
         if signal.name not in self._values:
-            self._values[signal.name] = signal.of(self)
+            self._values[signal.name] = signal.compute(self)
         return self._values[signal.name]
 
 
@@ -73,9 +74,9 @@ class Signal:
     """A number at every control step of an execution. Signals of the same name are the same."""
 
     name: str  # an identifier
-    unit: str  # empty for a condition, which is VOID where it is true and -VOID where not
-    how: str  # it is computed from the recording
-    of: Callable[[Execution], NDArray[np.float64]]  # (T,)
+    unit: str  # empty for a condition, which is MAX_MARGIN where it is true and -MAX_MARGIN where not
+    description: str  # how it is computed from the recording
+    compute: Callable[[Execution], NDArray[np.float64]]  # (T,)
 
 
 @dataclass(frozen=True)
@@ -89,69 +90,71 @@ class Formula:
 
 @dataclass(frozen=True)
 class Specification:
-    """A check in STL. Without formulas, `silent` says why it can have none."""
+    """A check in STL. Without formulas, `no_formulas_reason` says why it can have none."""
 
     formulas: tuple[Formula, ...] = ()
     signals: tuple[Signal, ...] = ()
     measured: bool = True  # False: the check judges the plan alone, so its signals are of the commands
-    silent: str = ""
+    no_formulas_reason: str = ""
 
 
-def always(margins: Sequence[str], unit: str, *when: Signal, strict: bool = False) -> Formula:
+def always(margins: Sequence[str], unit: str, *conditions: Signal, strict: bool = False) -> Formula:
     """Formula that all margins, such as `distance_1_2 >= 0.03`, hold whenever the conditions do."""
-    body = _all(margins)
-    if when:
-        body = f"({_all([f'{each.name} >= 0' for each in when])}) implies ({body})"
+    body = _conjunction(margins)
+    if conditions:
+        body = f"({_conjunction([f'{condition.name} >= 0' for condition in conditions])}) implies ({body})"
     return Formula(f"always({body})", unit, strict)
 
 
-def _all(parts: Sequence[str]) -> str:
+def _conjunction(parts: Sequence[str]) -> str:
     return " and ".join(f"({part})" for part in parts) if len(parts) > 1 else parts[0]
 
 
-def condition(holds: Iterable[bool] | NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(T,) values of a condition: VOID or -VOID."""
-    return np.where(np.asarray(tuple(holds), dtype=bool), VOID, -VOID)
+def condition_values(holds: Iterable[bool] | NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(T,) values of a condition: MAX_MARGIN or -MAX_MARGIN."""
+    return np.where(np.asarray(tuple(holds), dtype=bool), MAX_MARGIN, -MAX_MARGIN)
 
 
-def named(*parts: object) -> str:
+def identifier(*parts: object) -> str:
     """An identifier, e.g. `distance_1_2`; in it p is a decimal point and n a minus sign."""
     text = "_".join(f"{part:g}" if isinstance(part, float) else str(part) for part in parts)
     return re.sub(r"\W", "_", text.replace(".", "p").replace("-", "n"))
 
 
 @dataclass(frozen=True)
-class Robust:
+class FormulaRobustness:
     """A formula with its robustness on an execution."""
 
     formula: Formula
-    robustness: float  # in the formula's unit; VOID: nothing was judged
+    robustness: float  # in the formula's unit; MAX_MARGIN: nothing was judged
 
     @property
     def holds(self) -> bool:
         return self.robustness > 0 if self.formula.strict else self.robustness >= 0
 
     @property
-    def judged(self) -> bool:
-        return abs(self.robustness) < VOID
+    def applies(self) -> bool:
+        return abs(self.robustness) < MAX_MARGIN
 
 
-def judged(execution: Execution, check: "Check") -> tuple[Robust, ...]:
+def evaluate_check(execution: Execution, check: "Check") -> tuple[FormulaRobustness, ...]:
     """Robustness of each formula of a check. Raises ArgumentError where rtamt is not installed."""
     form = check.stl(execution.plan.task)
     if not len(execution):
-        return tuple(Robust(formula, VOID) for formula in form.formulas)
+        return tuple(FormulaRobustness(formula, MAX_MARGIN) for formula in form.formulas)
     values = {signal.name: execution.values(signal).tolist() for signal in form.signals}
-    return tuple(Robust(formula, evaluated(formula.text, values)) for formula in form.formulas)
+    return tuple(
+        FormulaRobustness(formula, evaluate_formula(formula.text, values)) for formula in form.formulas
+    )
 
 
-def installed() -> bool:
+def rtamt_installed() -> bool:
     return find_spec("rtamt") is not None
 
 
-def evaluated(text: str, signals: dict[str, list[float]]) -> float:
+def evaluate_formula(text: str, signals: dict[str, list[float]]) -> float:
     """Robustness of a formula for signals (T,), T > 0, at their first sample, by rtamt."""
-    if not installed():
+    if not rtamt_installed():
         raise ArgumentError(
             "robustness needs rtamt, which is not installed; pip install 'rf_exp[stl]' brings it"
         )
@@ -165,20 +168,20 @@ def evaluated(text: str, signals: dict[str, list[float]]) -> float:
         specification.parse()
     steps = max(map(len, signals.values()))
     if steps == 1:  # rtamt needs two samples; repeating one does not change an invariant
-        signals, steps = {name: each * 2 for name, each in signals.items()}, 2
+        signals, steps = {name: values * 2 for name, values in signals.items()}, 2
     return specification.evaluate({"time": list(range(steps)), **signals})[0][1]
 
 
-def kept(execution: Execution, check: "Check") -> bool | None:
+def monitor_verdict(execution: Execution, check: "Check") -> bool | None:
     """The verdict of the monitor on an execution, without STL.
 
     None: the check judges the plan alone, and its violation is after the end of the execution.
     """
     if check.stl(execution.plan.task).measured:
-        return all(each is None or each.ok for each in execution.measured(check))
+        return all(evidence is None or evidence.ok for evidence in execution.measured(check))
     evidence = check.planned(execution.plan)
     end_s = execution.plan.begins_s + len(execution) * CONTROL_DT_S
-    return None if not evidence.ok and evidence.time_s > end_s + CLOCK_S else evidence.ok
+    return None if not evidence.ok and evidence.time_s > end_s + TIME_TOLERANCE_S else evidence.ok
 
 
 def signals(execution: Execution, checks: "Sequence[Check]") -> tuple[Signal, ...]:

@@ -1,11 +1,11 @@
 from .assignment import Assignment as Assignment
 from .assignment import assign as assign
-from .scheduling import Closing as Closing
 from .scheduling import Delays as Delays
 from .scheduling import Demands as Demands
+from .scheduling import ForbiddenPairs as ForbiddenPairs
 from .scheduling import Rule as Rule
-from .scheduling import actions as actions
-from .scheduling import alike as alike
-from .scheduling import intended as intended
+from .scheduling import intended_actions as intended_actions
+from .scheduling import pad_paths as pad_paths
 from .scheduling import schedule as schedule
+from .scheduling import scheduled_actions as scheduled_actions
 from .scheduling import sequential as sequential

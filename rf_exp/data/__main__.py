@@ -20,9 +20,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts import sweep, whole, write_text
-from rf_exp.command import guarded
-from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.artifacts import atomic_path, remove_stale_drafts, write_text
+from rf_exp.command import run_guarded
+from rf_exp.errors import ArgumentError, StageError, unknown_choice
 from rf_exp.progress import Progress, console
 from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
 from rf_exp.texts import LONGEST_LINE, printable
@@ -34,13 +34,13 @@ OF_ONE_AGENT = ("lerobot", "lerobot_v21")  # the others keep arms apart, or need
 
 def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
     """Prints the contents of stores. Raises StageError for one that cannot be opened."""
-    found = {str(path): {**facts(Store.open(path)), "MiB": mib(path)} for path in paths}
+    facts_by_path = {str(path): {**facts(Store.open(path)), "MiB": mib(path)} for path in paths}
     if as_json:
-        console.print(json.dumps(found, indent=2))
+        console.print(json.dumps(facts_by_path, indent=2))
         return
-    for path, said in found.items():
+    for path, store_facts in facts_by_path.items():
         console.print(printable(path, LONGEST_LINE))
-        for name, value in said.items():
+        for name, value in store_facts.items():
             console.print(f"  {name}: {value}")
 
 
@@ -55,36 +55,38 @@ def validate(paths: Sequence[Path]) -> None:
             unread += not isinstance(error, Damage)  # other kind or version: not a defect
             console.print(str(error))
             continue
-        found: list[str] = []
+        flaws: list[str] = []
         with Progress(f"validate {path}", len(store), "episodes") as progress:
             for index in range(len(store)):
-                found += problems(store, index)
-                progress.advance(note=f"{len(found)} problems")
-        for what in found:
-            console.print(printable(f"{path}: {what}", LONGEST_LINE))
-        if not found:
+                flaws += problems(store, index)
+                progress.advance(note=f"{len(flaws)} problems")
+        for flaw in flaws:
+            console.print(printable(f"{path}: {flaw}", LONGEST_LINE))
+        if not flaws:
             console.print(f"{path}: all {len(store)} episodes are as they should be")
-        wrong += bool(found)
-    told = {"are not as they should be; what is wrong": wrong, "cannot be validated; why": unread}
+        wrong += bool(flaws)
+    counts = {"are not as they should be; what is wrong": wrong, "cannot be validated; why": unread}
     if wrong or unread:
-        said = (f"{number} of {len(paths)} stores {what} is above" for what, number in told.items() if number)
-        raise StageError("; ".join(said))
+        parts = (
+            f"{number} of {len(paths)} stores {outcome} is above"
+            for outcome, number in counts.items()
+            if number
+        )
+        raise StageError("; ".join(parts))
 
 
 def examine(paths: Sequence[Path], reference: Path | None = None) -> None:
     """Prints what in stores will harm training. Raises StageError at the end if anything does."""
-    from rf_exp.data.doctor import harms
+    from rf_exp.data.doctor import find_problems
 
-    beside, harmful = reference and Store.open(reference), 0
+    reference_store, harmful = reference and Store.open(reference), 0
     for path in paths:
-        found = [str(harm) for harm in harms(Store.open(path), beside)]
-        for what in found or ["nothing is found that would harm who learns from it"]:
-            console.print(printable(f"{path}: {what}", LONGEST_LINE))
-        harmful += bool(found)
+        lines = [str(problem) for problem in find_problems(Store.open(path), reference_store)]
+        for line in lines or ["no problems for training were found"]:
+            console.print(printable(f"{path}: {line}", LONGEST_LINE))
+        harmful += bool(lines)
     if harmful:
-        raise StageError(
-            f"in {harmful} of {len(paths)} stores something will harm who learns from it; see above"
-        )
+        raise StageError(f"{harmful} of {len(paths)} stores have problems that will harm training; see above")
 
 
 def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None:
@@ -96,13 +98,13 @@ def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None
     stores = [Store.open(path) for path in paths]
     order = merge_order(stores)
     first = order[0][0] if order else 0
-    what = f"{sum(map(len, stores))} episodes of {len(stores)} stores, from seed {first} on"
+    contents = f"{sum(map(len, stores))} episodes of {len(stores)} stores, from seed {first} on"
     if dry_run:
-        console.print(f"{to} would hold {what}; nothing was written")
+        console.print(f"{to} would hold {contents}; nothing was written")
         return
     with writing(to), Progress(f"merge {to}", len(order), "episodes") as progress:
         merge(stores, to, progress.advance)
-    console.print(f"{to} holds {what}")
+    console.print(f"{to} holds {contents}")
 
 
 def redraw_store(path: Path, to: Path, variation: str, copies: int, folder: Path | None) -> None:
@@ -137,11 +139,11 @@ def export(
     format cannot hold alone; StageError where `folder` exists or the store cannot be read.
     """
     if form not in FORMATS:
-        raise choices("format", form, FORMATS)
-    how = import_module(f"rf_exp.data.{form}")
-    kept = pictures or how.PICTURES[0]
-    if kept not in how.PICTURES:
-        raise choices(f"way to keep pictures in {form}", kept, how.PICTURES)
+        raise unknown_choice("format", form, FORMATS)
+    exporter = import_module(f"rf_exp.data.{form}")
+    encoding = pictures or exporter.PICTURES[0]
+    if encoding not in exporter.PICTURES:
+        raise unknown_choice(f"way to keep pictures in {form}", encoding, exporter.PICTURES)
     if agent is not None and form not in OF_ONE_AGENT:
         raise ArgumentError(f"--agent {agent}: {form} holds all arms; one alone: {', '.join(OF_ONE_AGENT)}")
     refuse_existing(folder, dry_run)
@@ -150,22 +152,22 @@ def export(
         raise StageError(f"{path} holds no episodes; there is nothing to export")
     if agent is not None and not 1 <= agent <= store.agents:
         raise ArgumentError(f"--agent {agent}: {path} has agents 1 to {store.agents}")
-    alone = {} if agent is None else {"agent": agent}
-    what = f"{len(store)} episodes, {store.steps} steps"
-    what += f", cameras {', '.join(store.cameras) or 'none'}" if agent is None else f" of agent {agent}"
-    held = how.held(kept, **alone)
+    options = {} if agent is None else {"agent": agent}
+    contents = f"{len(store)} episodes, {store.steps} steps"
+    contents += f", cameras {', '.join(store.cameras) or 'none'}" if agent is None else f" of agent {agent}"
+    format_note = exporter.describe(encoding, **options)
     if dry_run:
-        console.print(f"{folder} would hold {what}; nothing was written\n{held}")
+        console.print(f"{folder} would hold {contents}; nothing was written\n{format_note}")
         return
     with (
         writing(folder),
-        whole(folder) as draft,
+        atomic_path(folder) as draft,
         Progress(f"export {form}", len(store), "episodes") as progress,
     ):
         draft.mkdir()
-        how.write(store, draft, kept, progress.advance, **alone)
-        write_text(draft / "README.md", card(store, held, how.TAGS))
-    console.print(f"{folder} holds {what}: {mib(folder)} MiB, the store {mib(path)} MiB")
+        exporter.write(store, draft, encoding, progress.advance, **options)
+        write_text(draft / "README.md", card(store, format_note, exporter.TAGS))
+    console.print(f"{folder} holds {contents}: {mib(folder)} MiB, the store {mib(path)} MiB")
 
 
 @contextmanager
@@ -180,7 +182,7 @@ def writing(path: Path) -> Iterator[None]:
 def refuse_existing(path: Path, dry_run: bool) -> None:
     """Raises StageError for an existing path. Removes stale drafts beside it, except in a dry run."""
     if not dry_run:
-        sweep(path.parent)  # also those of a command that was killed after its last rename
+        remove_stale_drafts(path.parent)  # also those of a command that was killed after its last rename
     if path.exists():
         raise StageError(
             f"{path} exists already; nothing is written over it: name a folder that is not there"
@@ -188,75 +190,77 @@ def refuse_existing(path: Path, dry_run: bool) -> None:
 
 
 def mib(folder: Path) -> float:
-    return round(sum(each.stat().st_size for each in folder.rglob("*") if each.is_file()) / 2**20, 2)
+    return round(sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) / 2**20, 2)
 
 
-def import_stores(**given: Any) -> None:
+def import_stores(**options: Any) -> None:
     from rf_exp.data.importing import import_demonstrations  # imports the readers, which --help does not need
 
-    import_demonstrations(**given)
+    import_demonstrations(**options)
 
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser; each command sets `run`, the function to call with its other arguments."""
-    plain = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("python -m rf_exp.data", description=__doc__, formatter_class=plain)
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("python -m rf_exp.data", description=__doc__, formatter_class=formatter)
     commands = parser.add_subparsers(dest="command", required=True)
 
     def command(name: str, run: Callable[..., None], help: str) -> argparse.ArgumentParser:
-        made = commands.add_parser(name, help=help)
-        made.set_defaults(run=run)
-        return made
+        subparser = commands.add_parser(name, help=help)
+        subparser.set_defaults(run=run)
+        return subparser
 
-    summary = command("summary", summarise, "what is in stores")
+    summary = command("summary", summarise, "contents of stores")
     summary.add_argument("--json", dest="as_json", action="store_true", help="for programs")
-    checked = command("validate", validate, "read every byte of stores, and judge what it says")
-    examined = command("doctor", examine, "what in stores will harm who learns from them")
-    whose = "whose pictures are as they should be: as bright as those"
-    examined.add_argument("--reference", type=Path, metavar="STORE", help=whose)
-    merged = command("merge", merge_stores, "one store of those of one configuration with other seeds")
+    validated = command("validate", validate, "read every byte of stores and check the values")
+    examined = command("doctor", examine, "data in stores that will harm training")
+    reference_help = "store of the same cameras, to compare the brightness of pictures with"
+    examined.add_argument("--reference", type=Path, metavar="STORE", help=reference_help)
+    merged = command("merge", merge_stores, "merge stores of one configuration with different seeds into one")
     merged.add_argument("--to", type=Path, required=True, metavar="STORE", help="the new store")
-    exported = command("export", export, "a store in a format that others read")
+    exported = command("export", export, "export a store to another format")
     store = "folder of a store, such as outputs/data/.../fast.zarr"
     exported.add_argument("path", type=Path, metavar="store", help=store)
     exported.add_argument("folder", type=Path, help="new folder for the export")
     exported.add_argument("--format", dest="form", metavar="FORMAT", required=True, help=" or ".join(FORMATS))
     exported.add_argument(
         "--pictures",
-        help="how pictures are kept, every pixel: video (lossless) or png by lerobot, gzip or plain by "
-        "robomimic and the HDF5 of others; the first of them unless given",
+        help="encoding of the pictures, all lossless: video or png for lerobot, gzip or plain for robomimic "
+        "and the other HDF5 formats; default: the first of them",
     )
-    alone = "of agent K alone, with its own camera and the global one, for tools that know one arm: "
-    exported.add_argument("--agent", type=int, metavar="K", help=alone + " and ".join(OF_ONE_AGENT))
-    taken = command("import", import_stores, "a store of demonstrations of others")
-    sources = (
+    agent_help = "only agent K, with its own camera and the global one, for tools that support one arm: "
+    exported.add_argument("--agent", type=int, metavar="K", help=agent_help + " and ".join(OF_ONE_AGENT))
+    imported = command("import", import_stores, "import demonstrations of other projects into a store")
+    sources_help = (
         "the .h5 of ManiSkill's RecordEpisode or of Policy-Lightning; a Zarr 2 replay buffer, or those "
-        "of all arms one after the other; or the folder in which they are"
+        "of all arms one after the other; or the folder that holds them"
     )
-    taken.add_argument("paths", type=Path, nargs="+", metavar="SOURCE", help=sources)
-    begun = "the new store; one that was begun is gone on with"
-    taken.add_argument("to", type=Path, metavar="STORE", help=begun)
-    taken.add_argument("--task", metavar="NAME", help="of the demonstrations, where nothing there says it")
-    redrawn = command("redraw", redraw_store, "the episodes of a store in other appearances, too")
+    imported.add_argument("paths", type=Path, nargs="+", metavar="SOURCE", help=sources_help)
+    store_help = "the new store; an unfinished one is resumed"
+    imported.add_argument("to", type=Path, metavar="STORE", help=store_help)
+    imported.add_argument("--task", metavar="NAME", help="task name, where the source has none")
+    redrawn = command("redraw", redraw_store, "render the episodes of a store also in other appearances")
     redrawn.add_argument("path", type=Path, metavar="store", help="folder of a store")
-    redrawn.add_argument("to", type=Path, metavar="new", help=f"folder of {begun}")
+    redrawn.add_argument("to", type=Path, metavar="new", help=f"folder of {store_help}")
     redrawn.add_argument("--variation", required=True, metavar="NAME", help="one of conf/variation")
-    redrawn.add_argument("--copies", type=int, required=True, help="of each episode, the first as it is")
-    own = "of tasks' YAML files, if yours"
-    redrawn.add_argument("--tasks", dest="folder", type=Path, metavar="FOLDER", help=own)
-    for several in (summary, checked, examined, merged):
-        several.add_argument("paths", type=Path, nargs="+", metavar="stores", help="folders of stores")
-    for writes in (merged, exported, taken):
-        told = "say what would be written, and write nothing"
-        writes.add_argument("--dry-run", action="store_true", help=told)
+    redrawn.add_argument(
+        "--copies", type=int, required=True, help="copies of each episode; the first keeps its appearance"
+    )
+    tasks_help = "folder of your own tasks' YAML files"
+    redrawn.add_argument("--tasks", dest="folder", type=Path, metavar="FOLDER", help=tasks_help)
+    for subparser in (summary, validated, examined, merged):
+        subparser.add_argument("paths", type=Path, nargs="+", metavar="stores", help="folders of stores")
+    for subparser in (merged, exported, imported):
+        dry_run_help = "print what would be written, and write nothing"
+        subparser.add_argument("--dry-run", action="store_true", help=dry_run_help)
     return parser
 
 
 def main() -> None:
-    given = vars(parser().parse_args())
-    del given["command"]
-    given.pop("run")(**given)
+    arguments = vars(parser().parse_args())
+    del arguments["command"]
+    arguments.pop("run")(**arguments)
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rf_exp.data.release import commands
-from rf_exp.data.target import Advance, library
+from rf_exp.data.formats import Advance, import_library
+from rf_exp.data.release import agent_commands
 from rf_exp.store import Store
 
 PICTURES = ("gzip", "plain")  # both keep every pixel
@@ -20,7 +20,7 @@ TAGS = ("Policy-Lightning",)
 FILE = "demonstrations.h5"
 
 
-def held(pictures: str) -> str:
+def describe(pictures: str) -> str:
     return (
         f"`{FILE}`, the file that Policy-Lightning's `dataset_path` names: `action_<k>` (T, 8) of arm k,\n"
         "from 0 on, joint targets in rad and a gripper command as they were meant, and `head_cam_<k>`\n"
@@ -31,21 +31,23 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    compressed = {"compression": "gzip", "compression_opts": 4} if pictures == "gzip" else {}
+    compression = {"compression": "gzip", "compression_opts": 4} if pictures == "gzip" else {}
     size, steps = (3, store.attrs["height"], store.attrs["width"]), store.steps
-    names = {camera: _camera(camera) for camera in store.cameras}
-    with library("h5py").File(folder / FILE, "w") as file:
+    dataset_names = {camera: _dataset_name(camera) for camera in store.cameras}
+    with import_library("h5py").File(folder / FILE, "w") as file:
         for agent in range(store.agents):
-            file.create_dataset(f"action_{agent}", data=commands(store, agent, store.action), **compressed)
-        for name in names.values():
-            file.create_dataset(name, (steps, *size), np.uint8, chunks=(1, *size), **compressed)
+            file.create_dataset(
+                f"action_{agent}", data=agent_commands(store, agent, store.action), **compression
+            )
+        for name in dataset_names.values():
+            file.create_dataset(name, (steps, *size), np.uint8, chunks=(1, *size), **compression)
         for index, end in enumerate(store.episode_ends.tolist()):
             for camera, frames in store.episode(index).images.items():
-                file[names[camera]][end - len(frames) : end] = np.moveaxis(frames, -1, 1)
+                file[dataset_names[camera]][end - len(frames) : end] = np.moveaxis(frames, -1, 1)
             advance()
         file.create_dataset("episode_ends", data=store.episode_ends)
 
 
-def _camera(camera: str) -> str:
+def _dataset_name(camera: str) -> str:
     number = camera.removeprefix("agent")
     return f"head_cam_{int(number) - 1 if number.isdecimal() else camera}"

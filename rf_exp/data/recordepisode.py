@@ -20,27 +20,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.artifacts import write_json
-from rf_exp.data.release import commands, environment, own
-from rf_exp.data.target import Advance, create, last, library
+from rf_exp.data.formats import Advance, create_datasets, import_library, success_flags
+from rf_exp.data.release import agent_commands, arm_columns, environment
 from rf_exp.robots import DEFAULT
 from rf_exp.store import Store
-from rf_exp.tasks import camera_name
+from rf_exp.tasks import camera_to_release
 from rf_exp.transforms import Matrix, inverse, position_and_quaternion
 from rf_exp.types import FINGERS, Episode
 
 PICTURES = ("gzip", "plain")  # both keep every pixel
 TAGS = ("ManiSkill", "RoboFactory")
-NAME = "trajectory"
+STEM = "trajectory"
 CONTROL_MODE = "pd_joint_pos"  # absolute joint targets
 SUCCESS = "success"  # the only condition in such a file
-ROOT = 13  # numbers of a body's state: position, quaternion, velocities
-STILL = np.zeros(6, np.float32)  # body velocities, which a store does not hold
+ROOT_SIZE = 13  # numbers of a body's state: position, quaternion, velocities
+ZERO_VELOCITY = np.zeros(6, np.float32)  # body velocities, which a store does not hold
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # y up and z backward, from y down and z forward
 
 
-def held(pictures: str) -> str:
+def describe(pictures: str) -> str:
     return (
-        f"`{NAME}.h5` and `{NAME}.json`, as ManiSkill's RecordEpisode writes them and the authors' release\n"
+        f"`{STEM}.h5` and `{STEM}.json`, as ManiSkill's RecordEpisode writes them and the authors' release\n"
         "reads them below `demos/<Task>-rf/motionplanning`: a group `traj_<i>` an episode, with `actions`\n"
         "(joint targets in rad and a gripper command, as they were meant), `obs/agent`, `obs/sensor_data`\n"
         f"(pictures as they were, {pictures}), `obs/sensor_param`, `env_states` and `success`. Where\n"
@@ -53,14 +53,14 @@ def held(pictures: str) -> str:
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
     name = environment(store.attrs["task"])
     seeds, steps = store.seeds.tolist(), np.diff(store.episode_ends, prepend=0).tolist()
-    with library("h5py").File(folder / f"{NAME}.h5", "w") as file:
+    with import_library("h5py").File(folder / f"{STEM}.h5", "w") as file:
         for index in range(len(store)):
             _write(file.create_group(f"traj_{index}"), store, store.episode(index), pictures == "gzip")
             advance()
     mode = {"control_mode": CONTROL_MODE}
-    seen = {"obs_mode": "rgb" if store.cameras else "state_dict", **mode}
-    told = {
-        "env_info": {"env_id": name, "env_kwargs": seen, "max_episode_steps": max(steps)},
+    env_kwargs = {"obs_mode": "rgb" if store.cameras else "state_dict", **mode}
+    metadata = {
+        "env_info": {"env_id": name, "env_kwargs": env_kwargs, "max_episode_steps": max(steps)},
         "episodes": [
             {"episode_id": index, "episode_seed": seed, "reset_kwargs": {"seed": seed}, **mode}
             | {"elapsed_steps": count, SUCCESS: True}
@@ -69,77 +69,86 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
         "source_type": "motionplanning",
         "source_desc": "demonstrations of rf_exp",
     }
-    write_json(folder / f"{NAME}.json", told)
+    write_json(folder / f"{STEM}.json", metadata)
 
 
 def _write(group: Any, store: Store, episode: Episode, compressed: bool) -> None:  # an h5py.Group
-    kinds = ["panda" if model.kind == DEFAULT.kind else model.kind for model in store.models]
-    arms = [""] if store.agents == 1 else [f"/{kind}-{agent}" for agent, kind in enumerate(kinds)]
-    done = last(len(episode.qpos))
-    values: dict[str, NDArray[Any]] = {"terminated": done, "truncated": np.zeros_like(done), SUCCESS: done}
-    stands = _bases(store, episode)
+    robot_kinds = ["panda" if model.kind == DEFAULT.kind else model.kind for model in store.models]
+    arms = [""] if store.agents == 1 else [f"/{kind}-{agent}" for agent, kind in enumerate(robot_kinds)]
+    success = success_flags(len(episode.qpos))
+    values: dict[str, NDArray[Any]] = {
+        "terminated": success,
+        "truncated": np.zeros_like(success),
+        SUCCESS: success,
+    }
+    base_poses = _base_poses(store, episode)
     for agent, arm in enumerate(arms):
-        joints, speeds = (own(store, agent, rows[:, agent], FINGERS) for rows in (episode.qpos, episode.qvel))
-        values[f"actions{arm}"] = commands(store, agent, episode.action)
+        joints, speeds = (
+            arm_columns(store, agent, rows[:, agent], FINGERS) for rows in (episode.qpos, episode.qvel)
+        )
+        values[f"actions{arm}"] = agent_commands(store, agent, episode.action)
         if episode.executed is not None:
-            values[f"executed{arm}"] = commands(store, agent, episode.executed)
-        values[f"obs/agent{arm}/qpos"], values[f"obs/agent{arm}/qvel"] = _and_last(joints), _and_last(speeds)
-        if stands:
-            root = np.append(position_and_quaternion(stands[agent]), STILL).astype(np.float32)
+            values[f"executed{arm}"] = agent_commands(store, agent, episode.executed)
+        values[f"obs/agent{arm}/qpos"], values[f"obs/agent{arm}/qvel"] = (
+            _repeat_last(joints),
+            _repeat_last(speeds),
+        )
+        if base_poses:
+            root = np.append(position_and_quaternion(base_poses[agent]), ZERO_VELOCITY).astype(np.float32)
             state = np.column_stack([np.tile(root, (len(joints), 1)), joints, speeds])
-            called = kinds[agent] if store.agents == 1 else f"{kinds[agent]}-agent-{agent}"
-            values[f"env_states/articulations/{called}"] = _and_last(state)
+            articulation = robot_kinds[agent] if store.agents == 1 else f"{robot_kinds[agent]}-agent-{agent}"
+            values[f"env_states/articulations/{articulation}"] = _repeat_last(state)
     for name, poses in episode.poses.items():
-        moving = np.column_stack([poses, np.tile(STILL, (len(poses), 1))])
-        values[f"env_states/actors/{name}"] = _and_last(moving)
+        states = np.column_stack([poses, np.tile(ZERO_VELOCITY, (len(poses), 1))])
+        values[f"env_states/actors/{name}"] = _repeat_last(states)
     for camera, (intrinsics, world_from_camera) in _cameras(store, episode).items():
-        where = f"obs/sensor_param/{camera_name(camera, store.agents)}"
-        given = {
+        group_path = f"obs/sensor_param/{camera_to_release(camera, store.agents)}"
+        matrices = {
             "extrinsic_cv": inverse(world_from_camera)[:3],
             "cam2world_gl": world_from_camera @ GL_FROM_CV,
             "intrinsic_cv": intrinsics,
         }
-        for name, matrix in given.items():
-            values[f"{where}/{name}"] = np.tile(matrix.astype(np.float32), (len(done) + 1, 1, 1))
-    seen: dict[tuple[str, str], NDArray[Any]]
-    seen = {(camera, "rgb"): frames for camera, frames in episode.images.items()}
+        for name, matrix in matrices.items():
+            values[f"{group_path}/{name}"] = np.tile(matrix.astype(np.float32), (len(success) + 1, 1, 1))
+    pictures: dict[tuple[str, str], NDArray[Any]]
+    pictures = {(camera, "rgb"): frames for camera, frames in episode.images.items()}
     for name, depth in episode.extras.items():
-        what, _, camera = name.partition("_")
-        if what == "depth":  # saturates at the largest int16
-            seen[camera, what] = np.minimum(depth, np.iinfo(np.int16).max).astype(np.int16)[..., None]
-    places = {each: f"obs/sensor_data/{camera_name(each[0], store.agents)}/{each[1]}" for each in seen}
-    create(group, values)
-    create(group, {places[each]: _and_last(frames) for each, frames in seen.items()}, compressed)
+        modality, _, camera = name.partition("_")
+        if modality == "depth":  # saturates at the largest int16
+            pictures[camera, modality] = np.minimum(depth, np.iinfo(np.int16).max).astype(np.int16)[..., None]
+    paths = {key: f"obs/sensor_data/{camera_to_release(key[0], store.agents)}/{key[1]}" for key in pictures}
+    create_datasets(group, values)
+    create_datasets(group, {paths[key]: _repeat_last(frames) for key, frames in pictures.items()}, compressed)
 
 
-def _and_last(rows: NDArray[Any]) -> NDArray[Any]:
+def _repeat_last(rows: NDArray[Any]) -> NDArray[Any]:
     """Observations with the last row repeated: a store holds none after the last action."""
     return np.concatenate([rows, rows[-1:]])
 
 
-def _bases(store: Store, episode: Episode) -> list[Matrix]:
+def _base_poses(store: Store, episode: Episode) -> list[Matrix]:
     """world_from_base (4, 4) of each arm; empty where unknown."""
-    said = _calibration(episode)
-    if said is not None:
-        return [np.array(each) for each in said["world_from_base"]]
-    return [np.array(each) for each in store.description.world_from_base] if store.description else []
+    calibration = _calibration(episode)
+    if calibration is not None:
+        return [np.array(pose) for pose in calibration["world_from_base"]]
+    return [np.array(pose) for pose in store.description.world_from_base] if store.description else []
 
 
 def _cameras(store: Store, episode: Episode) -> dict[str, tuple[Matrix, Matrix]]:
     """Camera -> intrinsics (3, 3) px and world_from_camera (4, 4), for cameras fixed in the world."""
     models = store.description.camera_models if store.description else {}
-    said = _calibration(episode) or {"cameras": {}}
-    found = {}
+    calibration = _calibration(episode) or {"cameras": {}}
+    cameras = {}
     for camera, model in models.items():
         if "world_from_camera" not in model:
             continue
         intrinsics, pose = np.array(model["intrinsics"], float), np.array(model["world_from_camera"], float)
-        if (own := said["cameras"].get(camera)) is not None:
-            pose = np.array(own["parent_from_camera"], float)
-            focal = store.attrs["height"] / 2 / np.tan(np.deg2rad(own["fov_deg"]) / 2)
+        if (camera_calibration := calibration["cameras"].get(camera)) is not None:
+            pose = np.array(camera_calibration["parent_from_camera"], float)
+            focal = store.attrs["height"] / 2 / np.tan(np.deg2rad(camera_calibration["fov_deg"]) / 2)
             intrinsics[0, 0] = intrinsics[1, 1] = focal
-        found[camera] = intrinsics, pose
-    return found
+        cameras[camera] = intrinsics, pose
+    return cameras
 
 
 def _calibration(episode: Episode) -> Any:

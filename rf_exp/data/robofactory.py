@@ -15,18 +15,18 @@ import numcodecs
 import numpy as np
 import zarr
 
-from rf_exp.data.release import commands, environment
-from rf_exp.data.target import Advance
+from rf_exp.data.formats import Advance
+from rf_exp.data.release import agent_commands, environment
 from rf_exp.errors import ArgumentError
 from rf_exp.store import Store
 
 PICTURES = ("blosc",)  # as the release compresses them; every pixel is kept
 TAGS = ("RoboFactory", "Diffusion Policy")
-CHUNK = 100  # rows, as there
-TOLD = ("action", "state", "tcp_action")
+ROWS_PER_CHUNK = 100  # rows, as there
+COMMAND_ARRAYS = ("action", "state", "tcp_action")
 
 
-def held(pictures: str) -> str:
+def describe(pictures: str) -> str:
     return (
         "`<Task>-rf_Agent<k>_<N>.zarr`, a Zarr 2 replay buffer for each arm k, from 0 on, of N\n"
         "demonstrations, as the authors' release keeps them in `data/zarr_data`. `action`, `state` and\n"
@@ -53,9 +53,9 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
     for agent in range(store.agents):
         path = folder / f"{environment(store.attrs['task'])}_Agent{agent}_{len(store)}.zarr"
         group = zarr.open_group(path, mode="w", zarr_format=2)
-        told = commands(store, agent, store.action)
-        for name in TOLD:
-            _create(group, f"data/{name}", told.shape, "<f4")[:] = told
+        actions = agent_commands(store, agent, store.action)
+        for name in COMMAND_ARRAYS:
+            _create(group, f"data/{name}", actions.shape, "<f4")[:] = actions
         _create(group, "meta/episode_ends", (len(store),), "<i8")[:] = store.episode_ends
         arrays.append(_create(group, "data/head_camera", (store.steps, *size), "|u1"))
     for index, end in enumerate(store.episode_ends.tolist()):
@@ -71,7 +71,7 @@ def _create(group: zarr.Group, name: str, shape: tuple[int, ...], dtype: str) ->
         name,
         shape=shape,
         dtype=dtype,
-        chunks=(CHUNK, *shape[1:]),
+        chunks=(ROWS_PER_CHUNK, *shape[1:]),
         compressors=numcodecs.Blosc("zstd", clevel=3, shuffle=1),
         config={"write_empty_chunks": True},  # importers take a missing file for damage
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rf_exp.data.target import Advance, create, flat, last, library
+from rf_exp.data.formats import Advance, create_datasets, flatten_agents, import_library, success_flags
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
@@ -20,7 +20,7 @@ FILE = "demonstrations.hdf5"
 VALID_EVERY = 10  # episodes; the share of robomimic's own script
 
 
-def held(pictures: str) -> str:
+def describe(pictures: str) -> str:
     return (
         f"`{FILE}`, for robomimic's `SequenceDataset` with `load_next_obs=False`: a group `data/demo_<k>`\n"
         "for each episode, with `actions` (joint targets in rad, gripper commands; one agent behind the\n"
@@ -31,7 +31,7 @@ def held(pictures: str) -> str:
 
 
 def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
-    with library("h5py").File(folder / FILE, "w") as file:
+    with import_library("h5py").File(folder / FILE, "w") as file:
         data = file.create_group("data")
         for index in range(len(store)):
             _write(data.create_group(f"demo_{index}"), store.episode(index), pictures == "gzip")
@@ -39,9 +39,13 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
         for name, indices in split(len(store)).items():
             file[f"mask/{name}"] = np.array([f"demo_{index}" for index in indices], "S")
         environment = {"env_name": store.attrs["task"], "type": 2, "env_kwargs": {}}  # 2: of gymnasium
-        said = store.description.attributes() if store.description else {}
+        description = store.description.attributes() if store.description else {}
         data.attrs.update(
-            {"total": store.steps, "env_args": json.dumps(environment), "description": json.dumps(said)}
+            {
+                "total": store.steps,
+                "env_args": json.dumps(environment),
+                "description": json.dumps(description),
+            }
         )
 
 
@@ -58,16 +62,18 @@ def split(episodes: int) -> dict[str, list[int]]:
 def _write(group, episode: Episode, compressed: bool) -> None:  # an h5py.Group
     steps = len(episode.qpos)
     values = {
-        "actions": flat(episode.action),
-        "rewards": last(steps).astype(np.float32),
-        "dones": last(steps).astype(np.int64),
-        "obs/qpos": flat(episode.qpos),
-        "obs/qvel": flat(episode.qvel),
+        "actions": flatten_agents(episode.action),
+        "rewards": success_flags(steps).astype(np.float32),
+        "dones": success_flags(steps).astype(np.int64),
+        "obs/qpos": flatten_agents(episode.qpos),
+        "obs/qvel": flatten_agents(episode.qvel),
         **{f"obs/pose_{name}": poses for name, poses in episode.poses.items()},
     }
     if episode.executed is not None:
-        values["executed"] = flat(episode.executed)
-    create(group, values)
-    create(group, {f"obs/{camera}_image": frames for camera, frames in episode.images.items()}, compressed)
+        values["executed"] = flatten_agents(episode.executed)
+    create_datasets(group, values)
+    create_datasets(
+        group, {f"obs/{camera}_image": frames for camera, frames in episode.images.items()}, compressed
+    )
     group.attrs["num_samples"] = steps
     group.attrs["seed"] = episode.seed

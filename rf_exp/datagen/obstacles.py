@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 
 from rf_exp.datagen.motion.request import destinations, support
-from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, Points, State, Unreachable, name_of
-from rf_exp.findings import About, Cause, CheckName, Finding, Violation
+from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, Points, State, Unreachable, obstacle_name
+from rf_exp.findings import Cause, CheckName, FactArguments, Finding, Violation
 from rf_exp.geometry import (
     AGENT_MARGIN_M,
     OBJECT_MARGIN_M,
     PlanningScene,
     Swept,
     closer_than,
-    folded,
-    joined,
+    merged,
     nearest,
+    self_collisions,
 )
-from rf_exp.perception import SEEN, Seen
+from rf_exp.perception import UNKNOWN_OBSTACLE, OccupancyMap
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
 from rf_exp.types import ConstraintSet, Scene, Subgoal, fingers_of
 
-InTheWay = tuple[Sequence[Obstacle], Swept, float]  # obstacles, their joined body, clearance in m
+ObstacleGroup = tuple[Sequence[Obstacle], Swept, float]  # obstacles, their joined body, clearance in m
 
 
 class Obstacles:
@@ -40,9 +40,9 @@ class Obstacles:
 
     def __init__(self, task: Task, scene: Scene, constraint_set: ConstraintSet, proposal: Proposal) -> None:
         self._task, self._scene, self._constraint_set, self._proposal = task, scene, constraint_set, proposal
-        self._seen = Seen(PlanningScene(task, scene)) if scene.seen is not None else None
+        self._seen = OccupancyMap(PlanningScene(task, scene)) if scene.occupied_voxels is not None else None
         # Cached, as a path search queries the same state over and over.
-        self._surroundings = lru_cache(maxsize=1)(self._looked_up)
+        self._surroundings = lru_cache(maxsize=1)(self._find_obstacles)
 
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The collision test of motion primitives; with `avoid_arms`, arms at rest are obstacles too."""
@@ -54,39 +54,41 @@ class Obstacles:
             touches: frozenset[str],
             *,
             between: bool = False,
-            hand: bool = False,
+            gripper_only: bool = False,
         ) -> Obstacle | None:
-            planning_scene, in_the_way = self._surroundings(agent, state, touches, avoid_arms)
+            planning_scene, groups = self._surroundings(agent, state, touches, avoid_arms)
             body = _body(planning_scene, agent, points, state, touches)
-            if hand:
+            if gripper_only:
                 body = body.only(*body.gripper, *body.objects)
-                in_the_way = [each for each in in_the_way if not isinstance(each[0][0], int)]
-            elif folded(body, self._task.arms[agent].robot.self_pairs).any():
+                groups = [each for each in groups if not isinstance(each[0][0], int)]
+            elif self_collisions(body, self._task.arms[agent].robot.self_pairs).any():
                 return "the arm itself"
-            for obstacles, other, margin_m in in_the_way:
+            for obstacles, other, margin_m in groups:
                 if closer_than(body, other, margin_m, between=between).any():
-                    each = ((one, _only(planning_scene, other, one)) for one in obstacles[:-1])
-                    near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
-                    return next(near, obstacles[-1])
-            return "the table" if not hand and planning_scene.below_table(body).any() else None
+                    for obstacle in obstacles[:-1]:
+                        part = _part_of(planning_scene, other, obstacle)
+                        if closer_than(body, part, margin_m, between=between).any():
+                            return obstacle
+                    return obstacles[-1]
+            return "the table" if not gripper_only and planning_scene.below_table(body).any() else None
 
         return test
 
-    def how_near(self, blockage: Blockage) -> dict[str, Any]:
-        """The nearest parts and their distance, as facts of a `Found`; none for the arm itself or table."""
+    def distance_facts(self, blockage: Blockage) -> dict[str, Any]:
+        """The nearest parts and their distance, as `FindingFacts`; none for the arm itself or table."""
         agent, state, touches, obstacle = blockage.agent, blockage.state, blockage.touches, blockage.obstacle
-        planning_scene, in_the_way = self._surroundings(agent, state, touches, True)
+        planning_scene, groups = self._surroundings(agent, state, touches, True)
         body = _body(planning_scene, agent, blockage.points, state, touches)
-        for obstacles, other, margin_m in in_the_way:
-            if obstacle in obstacles and (gap := nearest(body, _only(planning_scene, other, obstacle))).a:
-                near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
-                other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
-                return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
+        for obstacles, other, margin_m in groups:
+            if obstacle in obstacles and (gap := nearest(body, _part_of(planning_scene, other, obstacle))).a:
+                facts = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
+                other_part = f"{gap.b} of {obstacle_name(obstacle)}" if isinstance(obstacle, int) else gap.b
+                return {**facts, "parts": (gap.a, other_part), "aspect": blockage.where}
         return {}
 
-    def _looked_up(
+    def _find_obstacles(
         self, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
-    ) -> tuple[PlanningScene, Sequence[InTheWay]]:
+    ) -> tuple[PlanningScene, Sequence[ObstacleGroup]]:
         """The predicted scene and its obstacles; many are joined into one body, as mostly none is near."""
         qpos = self._scene.qpos.copy()
         for each, joints in state.qpos.items():
@@ -94,25 +96,25 @@ class Obstacles:
             fingers_of(qpos)[each - 1] = self._task.arms[each].robot.hand.open_m
         held = tuple(state.held.get(agent, (None,))[0] for agent in self._task.agents)
         scene = replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held)
-        planning_scene, found = PlanningScene(self._task, scene), list[InTheWay]()
+        planning_scene, groups = PlanningScene(self._task, scene), list[ObstacleGroup]()
         spatial = self._constraint_set.spatial
         names = [*self._task.objects, *self._task.clutter] if spatial else sorted(state.targets)
         if self._seen is not None and spatial:
-            boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
-            names = sorted(exactly)
-            found.append(([SEEN], boxes, OBJECT_MARGIN_M))
+            boxes, exact_objects = self._seen.obstacles(agent, self._ignored_objects(agent, state) | touches)
+            names = sorted(exact_objects)
+            groups.append(([UNKNOWN_OBSTACLE], boxes, OBJECT_MARGIN_M))
         if others := [name for name in names if name not in state.in_hand(agent)]:
-            found.append((others, planning_scene.standing(others), OBJECT_MARGIN_M))
+            groups.append((others, planning_scene.static_objects(others), OBJECT_MARGIN_M))
         arms = [other for other in self._task.agents if avoid_arms and spatial and other != agent]
-        if free := [other for other in arms if other not in state.held]:
-            found.append((free, joined([*map(planning_scene.measured, free)]), AGENT_MARGIN_M))
-        laden = (other for other in arms if other in state.held)  # an agent may touch a load it takes over
-        found += [([other], planning_scene.measured(other), AGENT_MARGIN_M) for other in laden]
-        return planning_scene, found
+        if unloaded := [other for other in arms if other not in state.held]:
+            groups.append((unloaded, merged([*map(planning_scene.measured, unloaded)]), AGENT_MARGIN_M))
+        loaded = (other for other in arms if other in state.held)  # an agent may touch a load it takes over
+        groups += [([other], planning_scene.measured(other), AGENT_MARGIN_M) for other in loaded]
+        return planning_scene, groups
 
-    def _minds_not(self, agent: int, state: State) -> frozenset[str]:
+    def _ignored_objects(self, agent: int, state: State) -> frozenset[str]:
         """Objects whose voxels the agent ignores: those of its subgoals, and held or recently moved ones."""
-        about = {name for subgoal in self._proposal.of(agent) for name in subgoal.names}
+        about = {name for subgoal in self._proposal.subgoals_of(agent) for name in subgoal.names}
         held = {name for name, _ in state.held.values()}
         poses = self._scene.poses
         moved = {name for name, pose in state.poses.items() if not np.array_equal(pose, poses[name])}
@@ -127,13 +129,13 @@ def _body(
     return planning_scene.arm(agent, points, attached=held, tcp_from_object=tcp_from_object, touches=touches)
 
 
-def _only(planning_scene: PlanningScene, body: Swept, obstacle: Obstacle) -> Swept:
+def _part_of(planning_scene: PlanningScene, body: Swept, obstacle: Obstacle) -> Swept:
     """The part of a joined body that is one object or arm."""
     return planning_scene.measured(obstacle) if isinstance(obstacle, int) else body.only(obstacle)
 
 
 @dataclass(frozen=True)
-class _Put:
+class _Placement:
     """An object, and the poses in which a subgoal may put it."""
 
     subgoal: Subgoal
@@ -141,61 +143,67 @@ class _Put:
     poses: Sequence[Matrix]  # world_from_object
 
 
-def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
+def occupied_place(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
     """The first place that is occupied, with obstacle and depth; None where everything fits.
 
     Obstacles are objects that stay, as no subgoal moves them and no arm holds them, and other objects that
     are placed once. Of the permitted rotations and offsets at a place, those with the least overlap count.
     """
-    puts = list(_puts(task, proposal, scene))
-    about = {subgoal.object for subgoal in proposal.subgoals}
-    stay = [name for name in task.objects if name not in about and name not in scene.held]
-    for put in puts:
-        for name in stay:
-            here = [scene.poses[name]]
-            if name != put.subgoal.target and (depth_m := _least_depth_m(task, scene, put, name, here)) > 0:
-                return _taken(scene, put, name, depth_m)
-    once = [put for put in puts if [each.name for each in puts].count(put.name) == 1]
-    for put, other in combinations(once, 2):
-        falls = [not support(task, each.subgoal) for each in (put, other)]
-        if put.subgoal.target == other.subgoal.target and any(falls) and not all(falls):
+    placements = list(_placements(task, proposal, scene))
+    moved = {subgoal.object for subgoal in proposal.subgoals}
+    stationary = [name for name in task.objects if name not in moved and name not in scene.held]
+    for placement in placements:
+        for name in stationary:
+            if name == placement.subgoal.target:
+                continue
+            depth_m = _min_penetration_m(task, scene, placement, name, [scene.poses[name]])
+            if depth_m > 0:
+                return _occupied(scene, placement, name, depth_m)
+    names = [each.name for each in placements]
+    placed_once = [each for each in placements if names.count(each.name) == 1]
+    for placement, other in combinations(placed_once, 2):
+        is_dropped = [not support(task, each.subgoal) for each in (placement, other)]
+        if placement.subgoal.target == other.subgoal.target and any(is_dropped) and not all(is_dropped):
             continue  # a dropped object comes to rest below its release pose, a lid above
-        depth_m = _least_depth_m(task, scene, put, other.name, other.poses)
+        depth_m = _min_penetration_m(task, scene, placement, other.name, other.poses)
         if depth_m > 0:
-            return _taken(scene, put, f"{other.name} at {other.subgoal.target}", depth_m)
+            return _occupied(scene, placement, f"{other.name} at {other.subgoal.target}", depth_m)
     return None
 
 
-def _puts(task: Task, proposal: Proposal, scene: Scene) -> Iterator[_Put]:
+def _placements(task: Task, proposal: Proposal, scene: Scene) -> Iterator[_Placement]:
     """The objects that subgoals place, except on targets that are moved too, at poses not known yet."""
     moved = {subgoal.object for subgoal in proposal.subgoals}
     for subgoal in proposal.subgoals:
         name = subgoal.object
         if name is not None and subgoal.verb == "place" and subgoal.target not in moved:
             try:
-                yield _Put(subgoal, name, destinations(task, subgoal, scene))
+                yield _Placement(subgoal, name, destinations(task, subgoal, scene))
             except Unreachable:  # raised again when that subgoal is planned
                 continue
 
 
-def _least_depth_m(task: Task, scene: Scene, put: _Put, name: str, poses: Sequence[Matrix]) -> float:
+def _min_penetration_m(
+    task: Task, scene: Scene, placement: _Placement, name: str, poses: Sequence[Matrix]
+) -> float:
     """The least penetration of two objects over all their poses; 0 where some poses do not overlap."""
-    least = np.inf
-    reach_m = _radius_m(task.asset(put.name)) + _radius_m(task.asset(name))
-    for one, other in product(put.poses, poses):
-        if np.linalg.norm(one[:3, 3] - other[:3, 3]) >= reach_m:
+    min_m = np.inf
+    placed = placement.name
+    reach_m = _radius_m(task.asset(placed)) + _radius_m(task.asset(name))
+    for pose, other in product(placement.poses, poses):
+        if np.linalg.norm(pose[:3, 3] - other[:3, 3]) >= reach_m:
             return 0.0
-        in_hand = replace(placed_at(task, scene, put.name, one), carried={put.name: np.ones(1, dtype=bool)})
-        gap_m = nearest(in_hand, placed_at(task, scene, name, other)).distance_m
+        held_body = replace(body_at(task, scene, placed, pose), carried={placed: np.ones(1, dtype=bool)})
+        gap_m = nearest(held_body, body_at(task, scene, name, other)).distance_m
         if gap_m >= 0:
             return 0.0
-        least = min(least, -gap_m)
-    return float(least)
+        min_m = min(min_m, -gap_m)
+    return float(min_m)
 
 
-def placed_at(task: Task, scene: Scene, name: str, pose: Matrix) -> Swept:
+def body_at(task: Task, scene: Scene, name: str, pose: Matrix) -> Swept:
     """The body of an object at world_from_object."""
-    return PlanningScene(task, replace(scene, poses={**scene.poses, name: pose})).standing([name])
+    return PlanningScene(task, replace(scene, poses={**scene.poses, name: pose})).static_objects([name])
 
 
 @lru_cache(maxsize=1024)
@@ -204,9 +212,14 @@ def _radius_m(asset: Asset) -> float:
     return max((float(np.linalg.norm(hull.vertices, axis=1).max()) for hull in asset.hulls), default=-np.inf)
 
 
-def _taken(scene: Scene, put: _Put, obstacle: str, depth_m: float) -> Violation:
-    about, at = put.subgoal, put.subgoal.target or ""
-    facts: About = {"agents": (about.agent,), "subgoals": (about.text,), "object": put.name, "aspect": at}
+def _occupied(scene: Scene, placement: _Placement, obstacle: str, depth_m: float) -> Violation:
+    subgoal, target = placement.subgoal, placement.subgoal.target or ""
+    facts: FactArguments = {
+        "agents": (subgoal.agent,),
+        "subgoals": (subgoal.text,),
+        "object": placement.name,
+        "aspect": target,
+    }
     facts["obstacles"] = (obstacle,)
     time_s = scene.time_s
     return Violation(

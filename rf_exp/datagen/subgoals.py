@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.types import Schedule, Trajectory, what_of
+from rf_exp.types import Schedule, Trajectory, without_height
 
 IDLE = "hold"  # text for an agent that has had no subgoal yet
-NOBODYS = -1  # number where the subgoal is unknown
+NO_SUBGOAL = -1  # number where the subgoal is unknown
 
 
 class Subgoals:
@@ -20,19 +20,19 @@ class Subgoals:
         self.texts: list[list[str]] = [list(texts) for texts in known] or [[] for _ in range(agents)]
         self._known = bool(known)
 
-    def of_plan(self, trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.int16]:
+    def number_steps(self, trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.int16]:
         """(T + 1, N): row t is the subgoal of the command at step t of the schedule, row 0 the first one."""
         columns = []
         for trajectory, texts in zip(trajectories, self.texts, strict=True):
-            numbers, before = [], None
+            numbers, last_subgoal = [], None
             for segment in trajectory.segments:
-                what = segment.subgoal.what
-                named = [what_of(text) for text in texts] if self._known else []
-                if segment.subgoal != before and what not in named:
+                name = segment.subgoal.text_without_height
+                known_names = [without_height(text) for text in texts] if self._known else []
+                if segment.subgoal != last_subgoal and name not in known_names:
                     texts.append(segment.subgoal.text)
-                    named.append(what)
-                before = segment.subgoal
-                numbers.append(named.index(what) if self._known else len(texts) - 1)
+                    known_names.append(name)
+                last_subgoal = segment.subgoal
+                numbers.append(known_names.index(name) if self._known else len(texts) - 1)
             if not numbers:
                 texts += [] if texts else [IDLE]
                 columns.append(np.full(len(schedule) + 1, len(texts) - 1))

@@ -1,8 +1,8 @@
 """Yielding: which arms get out of the way, where to and when; used by the planner and the scripted brain.
 
 An arm that yields takes a posture in which it is in nobody's way. In a plan it does so before the others
-begin or once it is done (`Yielding`, one for each of `ways`); after a violation, in a separate proposal
-(`yields_after`, `yielding_proposal`). The schedule decides when exactly it moves.
+begin or once it is done (`Yielding`, one for each of `planning_modes`); after a violation, in a separate
+proposal (`yielding_agents`, `yielding_proposal`). The schedule decides when exactly it moves.
 """
 
 from collections.abc import Sequence
@@ -36,11 +36,11 @@ class Yielding:
 
     first: tuple[int, ...] = ()  # agents that retract before the others begin
     once_done: frozenset[int] = frozenset()  # agents that yield if their last subgoal ends with a retreat
-    to: Posture = "home"  # posture of agents in `once_done`
+    posture: Posture = "home"  # posture of agents in `once_done`
 
 
 @dataclass(frozen=True)
-class Way:
+class PlanningMode:
     """One way to plan a proposal."""
 
     avoid_arms: bool  # whether paths avoid arms at rest
@@ -49,32 +49,34 @@ class Way:
     def __str__(self) -> str:
         """Its text in `Violation.tried`."""
         paths = f"{'round' if self.avoid_arms else 'regardless of'} the other arms"
-        first = ", ".join(map(agent_name, self.yielding.first))
-        retracted = [f"with {first} retracted first"] if first else []
-        retracted += ["each retracted once done"] if self.yielding.to == "aside" else []
-        return ", ".join([paths, *retracted])
+        retracted_agents = ", ".join(map(agent_name, self.yielding.first))
+        details = [f"with {retracted_agents} retracted first"] if retracted_agents else []
+        details += ["each retracted once done"] if self.yielding.posture == "aside" else []
+        return ", ".join([paths, *details])
 
 
-def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Sequence[Way]:
+def planning_modes(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Sequence[PlanningMode]:
     """The ways to plan a proposal, the best first."""
     if not constraint_set.spatial:  # then only agents that share space yield, if time counts
         shared = (each.agents for each in proposal.constraints if isinstance(each, ShareSpace))
         sharing = frozenset(agent for pair in shared for agent in pair if constraint_set.temporal)
-        return [Way(False, Yielding(once_done=sharing))]
+        return [PlanningMode(False, Yielding(once_done=sharing))]
     done = frozenset(range(1, len(scene.held) + 1))
     free = tuple(agent for agent in sorted(done) if scene.held[agent - 1] is None)
-    idle = tuple(agent for agent in free if not proposal.of(agent))
-    here, begins = Yielding(once_done=done), proposal.subgoals[0].agent
-    still = {subgoal.agent for subgoal in proposal.subgoals if subgoal.verb == "hold"}
-    waiting = tuple(agent for agent in free if agent != begins and agent not in still)
-    farther = [Yielding(some, done, "aside") for some in dict.fromkeys((idle, waiting))]
+    idle = tuple(agent for agent in free if not proposal.subgoals_of(agent))
+    at_end, first_agent = Yielding(once_done=done), proposal.subgoals[0].agent
+    holding = {subgoal.agent for subgoal in proposal.subgoals if subgoal.verb == "hold"}
+    waiting = tuple(agent for agent in free if agent != first_agent and agent not in holding)
+    retracting = [Yielding(agents, done, "aside") for agents in dict.fromkeys((idle, waiting))]
     if not constraint_set.temporal:
-        return [Way(True, each) for each in dict.fromkeys((here, Yielding(idle, done), *farther))]
+        options = dict.fromkeys((at_end, Yielding(idle, done), *retracting))
+        return [PlanningMode(True, yielding) for yielding in options]
     # With a schedule, paths may cross where an arm will be later, and arms may yield farther off.
-    return [Way(False, here), Way(True, here), *(Way(False, each) for each in farther)]
+    options = [(False, at_end), (True, at_end), *((False, yielding) for yielding in retracting)]
+    return [PlanningMode(avoid_arms, yielding) for avoid_arms, yielding in options]
 
 
-def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Scene) -> list[int]:
+def yielding_agents(violation: Violation, proposal: Proposal, task: Task, scene: Scene) -> list[int]:
     """Agents that yield because of a violation, in this order; never one that carries an object with another.
 
     After a collision, all involved, first the one whose work comes later in the plan, which moved to where
@@ -87,12 +89,12 @@ def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Sc
     alone = len(violation.agents) == 1 and violation.check not in (CheckName.COLLISION, CheckName.MOTION)
     if violation.cause not in (Cause.CONTACT, Cause.SPACE) or len(violation.agents) > 2 or alone:
         return []
-    planned = [subgoal.agent for subgoal in proposal.subgoals]
-    able = [agent for agent in violation.agents if _can_yield(agent, task, scene)]
-    later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
+    busy = [subgoal.agent for subgoal in proposal.subgoals]
+    candidates = [agent for agent in violation.agents if _can_yield(agent, task, scene)]
+    by_work = sorted(candidates, key=lambda agent: -busy.index(agent) if agent in busy else 1)
     if violation.check is CheckName.COLLISION:
-        return later
-    return [*(agent for agent in later if agent not in planned), *later][:1]
+        return by_work
+    return [*(agent for agent in by_work if agent not in busy), *by_work][:1]
 
 
 def yielding_proposal(agents: Sequence[int], task: Task) -> Proposal:
@@ -103,7 +105,7 @@ def yielding_proposal(agents: Sequence[int], task: Task) -> Proposal:
 
 def _can_yield(agent: int, task: Task, scene: Scene) -> bool:
     """Whether an agent carries nothing with another, and has not yielded already."""
-    held, here = scene.held[agent - 1], task.arms[agent].joints(scene.qpos[agent - 1])
+    held, joints = scene.held[agent - 1], task.arms[agent].joints(scene.qpos[agent - 1])
     if held is not None and len(holders(scene, held)) > 1:
         return False
-    return bool(np.abs(here - posture_rad("aside", task, agent)).max() >= _NEAR_RAD)
+    return bool(np.abs(joints - posture_rad("aside", task, agent)).max() >= _NEAR_RAD)

@@ -9,7 +9,7 @@ import sys
 from omegaconf import DictConfig
 
 from rf_exp import demonstration, sim
-from rf_exp.command import composed, guarded, settled
+from rf_exp.command import hydra_command, run_guarded, to_plain_config
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
@@ -17,10 +17,10 @@ from rf_exp.progress import console
 SEEDS = 20  # tried until one succeeds
 
 
-@composed("demonstration")
+@hydra_command("demonstration")
 def main(config: DictConfig) -> None:
     """Writes a page for every chosen task, about the first seed that succeeds."""
-    experiment = read_experiment(settled(config))
+    experiment = read_experiment(to_plain_config(config))
     if len(experiment.constraint_sets) != 1:
         names = ", ".join(row.name for row in experiment.constraint_sets)
         raise ArgumentError(
@@ -40,4 +40,4 @@ def main(config: DictConfig) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

@@ -13,11 +13,11 @@ from urllib.parse import quote
 import cv2
 from markdown_it import MarkdownIt
 
-from rf_exp.artifacts import rendered, whole, write_text
+from rf_exp.artifacts import atomic_path, render_template, write_text
 from rf_exp.constraints import CheckedPlan
-from rf_exp.constraints.stl import Execution, installed, judged, signals
+from rf_exp.constraints.stl import Execution, evaluate_check, rtamt_installed, signals
 from rf_exp.datagen import Outcome, Settings
-from rf_exp.demonstration.notes import Phase, Picture, Round
+from rf_exp.demonstration.episode_log import Phase, Picture, Round
 from rf_exp.findings import Violation
 from rf_exp.statements import Statement
 from rf_exp.texts.markdown import Markdown, block, cell, code, table
@@ -27,40 +27,46 @@ from rf_exp.viz import text
 from rf_exp.viz.text import CheckResult
 
 TEMPLATES = Path(__file__).with_name("templates")
-READER = MarkdownIt("commonmark").enable("table")
+MARKDOWN_READER = MarkdownIt("commonmark").enable("table")
 FIGURES = {
     "lanes": "Who does what when",
     "diagrams": "Coordination diagrams: the schedule of each pair of agents",
 }
 
 
-def specified(checked: CheckedPlan, execution: Execution) -> dict[str, Any]:
+def specification(checked: CheckedPlan, execution: Execution) -> dict[str, Any]:
     """The active checks of an executed plan, as plain JSON values: formulas, robustness, and signals (T,).
 
     Robustness is null where nothing was judged; without rtamt so is `holds`.
     """
     checks = []
     for check in checked.checks:
-        form = check.stl(execution.plan.task)
-        found = judged(execution, check) if installed() else (None,) * len(form.formulas)
+        stl = check.stl(execution.plan.task)
+        results = evaluate_check(execution, check) if rtamt_installed() else (None,) * len(stl.formulas)
         formulas = [
             {
                 "stl": formula.text,
                 "unit": formula.unit,
                 "strict": formula.strict,
-                "robustness": each.robustness if each is not None and each.judged else None,
-                "holds": None if each is None else each.holds,
+                "robustness": result.robustness if result is not None and result.applies else None,
+                "holds": None if result is None else result.holds,
             }
-            for formula, each in zip(form.formulas, found, strict=True)
+            for formula, result in zip(stl.formulas, results, strict=True)
         ]
-        checks.append({"check": repr(check), "text": check.text, "silent": form.silent, "formulas": formulas})
+        checks.append(
+            {"check": repr(check), "text": check.text, "silent": stl.no_formulas_reason, "formulas": formulas}
+        )
     return {
         "begins_s": execution.plan.begins_s,
         "period_s": CONTROL_DT_S,
         "checks": checks,
         "signals": {
-            each.name: {"unit": each.unit, "how": each.how, "values": execution.values(each).tolist()}
-            for each in signals(execution, checked.checks)
+            result.name: {
+                "unit": result.unit,
+                "how": result.description,
+                "values": execution.values(result).tolist(),
+            }
+            for result in signals(execution, checked.checks)
         },
     }
 
@@ -75,13 +81,13 @@ def write_page(
 ) -> None:
     """Writes the page of a success to `path` (.md), as .html too, and its pictures to a folder of that name.
 
-    `plans`: what `specified` gives for each executed round.
+    `plans`: what `specification` gives for each executed round.
     """
     folder = path.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
-    known = [None, *(each.violation for each in rounds)]
-    executed = iter(plans)
-    page = rendered(
+    feedback = [None, *(each.violation for each in rounds)]
+    specifications = iter(plans)
+    page = render_template(
         TEMPLATES / "page.md",
         text=text,
         block=block,
@@ -100,8 +106,8 @@ def write_page(
         },
         recording=path.with_suffix(".rrd").name,
         rounds=[
-            _round(folder, k, each, known[k - 1], settings.constraint_set)
-            | {"specified": next(executed) if each.results else None}
+            _round(folder, k, each, feedback[k - 1], settings.constraint_set)
+            | {"specification": next(specifications) if each.results else None}
             for k, each in enumerate(rounds, 1)
         ],
         data=path.with_suffix(".json").name,
@@ -113,34 +119,36 @@ def write_page(
 
 def webpage(page: str) -> str:
     """The page as HTML, with pictures beside it. External text in `page` has to be escaped already."""
-    tokens = READER.parse(page)
-    title, parts = "", []
+    tokens = MARKDOWN_READER.parse(page)
+    title, sections = "", []
     for heading, content in pairwise(tokens):
-        said = "".join(each.content for each in content.children or ())
+        title_text = "".join(each.content for each in content.children or ())
         if heading.type == "heading_open" and heading.tag == "h1":
-            title = said
+            title = title_text
         elif heading.type == "heading_open" and heading.tag == "h2":
-            parts.append((anchor := f"part-{len(parts) + 1}", said))
+            sections.append((anchor := f"part-{len(sections) + 1}", title_text))
             heading.attrSet("id", anchor)
-    body = READER.renderer.render(tokens, READER.options, {})
-    return rendered(TEMPLATES / "page.html", title=title, parts=parts, body=body)
+    body = MARKDOWN_READER.renderer.render(tokens, MARKDOWN_READER.options, {})
+    return render_template(TEMPLATES / "page.html", title=title, sections=sections, body=body)
 
 
 def _round(
-    folder: Path, number: int, made: Round, feedback: Violation | None, constraint_set: ConstraintSet
+    folder: Path, number: int, current: Round, feedback: Violation | None, constraint_set: ConstraintSet
 ) -> dict[str, Any]:
     """A round as values for the template."""
-    names = {name: f"round-{number}-{name}.png" for name in made.figures}
-    drawn = [_picture(folder, names[key], made.figures[key], FIGURES[key]) for key in names]
-    reached = [phase for phase in made.phases if phase.reached]
+    files = {name: f"round-{number}-{name}.png" for name in current.figures}
+    pictures = [_picture(folder, files[key], current.figures[key], FIGURES[key]) for key in files]
+    reached = [phase for phase in current.phases if phase.reached]
     return {
-        "made": made,
-        "verdict": "executed" if made.violation is None else "stopped" if made.results else "rejected",
-        "told": f", told of the violated {feedback.check}," if feedback is not None else "",
-        "stated": _stated(made, constraint_set),
-        "calls": [] if made.code is None else [repr(check) for check in made.code.of(constraint_set)],
-        "figures": drawn,
-        "phases": [_phase(folder, number, index, phase, made) for index, phase in enumerate(reached)],
+        "round": current,
+        "verdict": "executed" if current.violation is None else "stopped" if current.results else "rejected",
+        "feedback": f", told of the violated {feedback.check}," if feedback is not None else "",
+        "stated": _stated(current, constraint_set),
+        "calls": []
+        if current.code is None
+        else [repr(check) for check in current.code.enabled(constraint_set)],
+        "figures": pictures,
+        "phases": [_phase(folder, number, index, phase, current) for index, phase in enumerate(reached)],
     }
 
 
@@ -158,44 +166,44 @@ def _formulas(checks: Sequence[Mapping[str, Any]]) -> Markdown:
 def _judged(formula: Mapping[str, Any]) -> tuple[str, str]:
     if formula["holds"] is None:
         return code("pip install 'rf_exp[stl]'"), ""
-    found = "nothing was judged"
+    robustness = "nothing was judged"
     if formula["robustness"] is not None:
-        found = cell(text.quantity(formula["robustness"], formula["unit"]))
-    return found, "holds" if formula["holds"] else "**violated**"
+        robustness = cell(text.quantity(formula["robustness"], formula["unit"]))
+    return robustness, "holds" if formula["holds"] else "**violated**"
 
 
-def _stated(made: Round, constraint_set: ConstraintSet) -> list[tuple[Statement, Markdown]]:
+def _stated(current: Round, constraint_set: ConstraintSet) -> list[tuple[Statement, Markdown]]:
     """Each constraint as RoboBrain stated it, with the check that RoboChecker made of it.
 
     Those that the set switches off are marked, as the plan need not satisfy them.
     """
-    stated = made.proposal.constraints if made.proposal is not None else ()
-    if made.code is None:
+    stated = current.proposal.constraints if current.proposal is not None else ()
+    if current.code is None:
         return [(each, Markdown("not understood")) for each in stated]
     checks = (
         Markdown("*switched off*: " * (check.kind in constraint_set.off) + code(repr(check)))
-        for check in made.code.checks
+        for check in current.code.checks
     )
     return list(zip(stated, checks, strict=True))
 
 
-def _phase(folder: Path, of: int, index: int, phase: Phase, made: Round) -> dict[str, Any]:
+def _phase(folder: Path, round_number: int, index: int, phase: Phase, current: Round) -> dict[str, Any]:
     """A phase with the checks that are decided in it; its number is `<round>.<phase>`."""
-    later = made.phases[index + 1 :]
-    begins_s, ends_s = phase.begins_s if index else -inf, later[0].begins_s if later else inf
+    following = current.phases[index + 1 :]
+    begins_s, ends_s = phase.begins_s if index else -inf, following[0].begins_s if following else inf
 
-    def within(results: Iterable[CheckResult]) -> list[CheckResult]:
+    def decided_here(results: Iterable[CheckResult]) -> list[CheckResult]:
         """The checks decided in this phase; the first phase has all earlier ones too, the last all later."""
         return [each for each in results if begins_s <= each.time_s < ends_s]
 
-    number = f"{of}.{index + 1}"
+    number = f"{round_number}.{index + 1}"
     return {
         "number": number,
-        "span": f"from {phase.begins_s:.2f} s" + (f" to {ends_s:.2f} s" if later else ""),
+        "span": f"from {phase.begins_s:.2f} s" + (f" to {ends_s:.2f} s" if following else ""),
         "picture": _picture(folder, f"phase-{number}.jpg", phase.picture, f"The beginning of phase {number}"),
         "goals": phase.goals,
-        "planned": within(made.results),
-        "measured": within(made.measured.values()),
+        "planned": decided_here(current.results),
+        "measured": decided_here(current.measured.values()),
     }
 
 
@@ -204,6 +212,6 @@ def _picture(folder: Path, name: str, picture: Picture | None, caption: str) -> 
     if picture is None:
         return None
     _, data = cv2.imencode(Path(name).suffix, picture[..., ::-1])
-    with whole(folder / name) as draft:
+    with atomic_path(folder / name) as draft:
         draft.write_bytes(data.tobytes())
     return Markdown(f"![{words(caption)}]({quote(f'{folder.name}/{name}')})")

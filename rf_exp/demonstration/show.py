@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from rf_exp.artifacts import plain, whole, write_json
-from rf_exp.datagen import EpisodeMaker, Outcome, Settings, Trace
-from rf_exp.demonstration.notes import Notes, Together
-from rf_exp.demonstration.page import specified, write_page
+from rf_exp.artifacts import atomic_path, plain, write_json
+from rf_exp.datagen import EpisodeGenerator, Outcome, Settings, Trace
+from rf_exp.demonstration.episode_log import EpisodeLog, ObserverGroup
+from rf_exp.demonstration.page import specification, write_page
 from rf_exp.progress import console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim import shared_simulator
@@ -15,19 +15,19 @@ from rf_exp.types import CONTROL_DT_S, Pictures
 def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
     """Makes the episode of a seed. Writes a success to `<task>-<seed>.html`, .md, .rrd, .json in `folder`."""
     task, constraint_set = settings.task, settings.constraint_set
-    world, trace = shared_simulator(task, pictures), Trace()
-    notes = Notes(task, settings.make_brain(seed))
+    simulator, trace = shared_simulator(task, pictures), Trace()
+    episode_log = EpisodeLog(task, settings.make_brain(seed))
     page = folder / f"{task.name}-{seed}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
-    with whole(page.with_suffix(".rrd")) as draft:
+    with atomic_path(page.with_suffix(".rrd")) as draft:
         title = f"{task.title}, {constraint_set.name}, scene {seed}"
-        with EpisodeRecorder(draft, task, world, title) as recorder:
-            observers = Together(recorder, notes, trace)
-            outcome = EpisodeMaker(settings, world, notes, observers).make(seed)
+        with EpisodeRecorder(draft, task, simulator, title) as recorder:
+            observers = ObserverGroup(recorder, episode_log, trace)
+            outcome = EpisodeGenerator(settings, simulator, episode_log, observers).make(seed)
     if outcome.episode is not None:
-        plans = [specified(made.checked, execution) for made, execution in trace.executions()]
-        end = world.images()["global"] if world.cameras else None
-        write_page(page, settings, outcome, notes.rounds, plans, end)
+        plans = [specification(planned.checked, execution) for planned, execution in trace.executions()]
+        end = simulator.images()["global"] if simulator.cameras else None
+        write_page(page, settings, outcome, episode_log.rounds, plans, end)
         write_json(
             page.with_suffix(".json"), {"certificate": plain(outcome.episode.certificate), "stl": plans}
         )

@@ -8,8 +8,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rf_exp.envs.core import METADATA, Face, configured, find_task
-from rf_exp.envs.observations import action_space, space
+from rf_exp.envs.core import METADATA, BaseEnv, find_task, task_names
+from rf_exp.envs.observations import action_space, observation_space
 from rf_exp.errors import StageError
 from rf_exp.observations import ObservationDict, Observations
 from rf_exp.tasks import Task
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 VERSION = 1  # of the interface: raise it when the meaning of observations, actions or reward changes
 
 
-class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
+class CentralEnv(BaseEnv, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     """Gymnasium environment of a task for one controller of all N arms: `gymnasium.make("rf_exp/<task>-v1")`.
 
     Actions (N, A) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open] per arm,
@@ -37,7 +37,7 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     ) -> None:
         super().__init__(task, observations, **options)
         self.action_space: spaces.Box = action_space(self.task)
-        self.observation_space: spaces.Dict = space(self.core.observations, self.task)
+        self.observation_space: spaces.Dict = observation_space(self.core.observations, self.task)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -53,8 +53,8 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     def step(self, action: NDArray[np.floating]) -> tuple[ObservationDict, float, bool, bool, dict[str, Any]]:
         """One control step, 50 ms: observation, reward, terminated, truncated, info."""
         self.core.step(action)
-        now = self.core.episode
-        return self.core.observe(), now.reward, now.terminated, now.truncated, now.info()
+        episode = self.core.episode
+        return self.core.observe(), episode.reward, episode.terminated, episode.truncated, episode.info()
 
 
 def environment_id(name: str) -> str:
@@ -77,7 +77,7 @@ def _register(name: str, task: str) -> str:
     return environment_id(name)
 
 
-for _name in configured():
+for _name in task_names():
     _register(_name, _name)
 
 

@@ -11,25 +11,25 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.constraints import PolicyMonitor, pressing, protective_stop
+from rf_exp.constraints import PolicyMonitor, force_evidence, protective_stop
 from rf_exp.envs.observations import action_space
-from rf_exp.errors import ArgumentError, RfError, choices
+from rf_exp.errors import ArgumentError, RfError, unknown_choice
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.observations import ObservationDict, Observations, observe
 from rf_exp.sim import Simulator
 from rf_exp.tasks import (
     CONFIGURED,
-    NONE,
+    NO_VARIATION,
     Ledger,
     SuccessEvaluator,
     Task,
     Variation,
-    drawn_of,
     families,
-    labels,
+    label_names,
     named_task,
     read_task,
     read_variation,
+    scene_draws,
 )
 from rf_exp.types import CONTROL_HZ, Scene
 
@@ -58,7 +58,7 @@ class EpisodeCore:
         task: str | Path | Task,
         observations: Observations | None = None,
         *,
-        variation: str | Variation = NONE,
+        variation: str | Variation = NO_VARIATION,
         step_limit: int | None = None,
         overlaps: bool = False,
         render_mode: str | None = None,
@@ -67,30 +67,34 @@ class EpisodeCore:
         if not isinstance(observations, Observations):
             raise ArgumentError(f"observations is {observations!r}; expected a rf_exp.envs.Observations")
         if render_mode not in (None, *RENDER_MODES):
-            raise choices("render_mode", render_mode, (None, *RENDER_MODES))
-        found = find_task(task)
-        varies = read_variation(variation) if isinstance(variation, str) else variation
-        found = replace(found, variation=varies) if varies.identity else found
-        self.task = found if step_limit is None else replace(found, step_limit=step_limit)
+            raise unknown_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        resolved_task = find_task(task)
+        resolved_variation = read_variation(variation) if isinstance(variation, str) else variation
+        resolved_task = (
+            replace(resolved_task, variation=resolved_variation)
+            if resolved_variation.identity
+            else resolved_task
+        )
+        self.task = resolved_task if step_limit is None else replace(resolved_task, step_limit=step_limit)
         self.observations, self._render_mode = observations, render_mode
         size = {"width_px": observations.width, "height_px": observations.height}
-        draws = observations.draws or render_mode is not None
-        self._world: Simulator | None = Simulator(self.task, **size, render=draws)
-        self._declared = observations.declared(self.task)
+        needs_pictures = observations.needs_rendering or render_mode is not None
+        self._simulator: Simulator | None = Simulator(self.task, **size, render=needs_pictures)
+        self._declared = observations.declaration_for(self.task)
         self._overlaps = overlaps
-        space = action_space(self.task)
-        self._low, self._high = space.low, space.high
+        actions = action_space(self.task)
+        self._low, self._high = actions.low, actions.high
         self._episode: Episode | None = None  # until the first reset
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> None:
         """Begins the episode of a seed; without one it is drawn below the first seed of evaluation."""
-        if self._world is None:
+        if self._simulator is None:
             raise ResetNeeded("the environment is closed; make another one")
         seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
-        start, task = self._world.reset(seed), self._world.task
+        start, task = self._simulator.reset(seed), self._simulator.task
         pairs = tuple(combinations(task.agents, 2))
-        monitor = PolicyMonitor(task) if self._overlaps else lambda scene: pressing(scene, pairs)
-        self._episode = Episode(task, seed, start, monitor, drawn_of(self.task, seed))
+        monitor = PolicyMonitor(task) if self._overlaps else lambda scene: force_evidence(scene, pairs)
+        self._episode = Episode(task, seed, start, monitor, scene_draws(self.task, seed))
 
     def step(self, action: ArrayLike) -> None:
         """One control step (50 ms): (N, A) joint targets in rad, grippers; clipped to the action space.
@@ -98,12 +102,14 @@ class EpisodeCore:
         Raises ArgumentError for any other action, ResetNeeded where no episode is under way.
         """
         episode = self._episode
-        if self._world is None or episode is None or episode.terminated or episode.truncated:
+        if self._simulator is None or episode is None or episode.terminated or episode.truncated:
             raise ResetNeeded(
                 "no episode is under way; call reset() before the first step, and after the last"
             )
-        command = np.minimum(np.maximum(shaped(action, self._low.shape, "action"), self._low), self._high)
-        episode.see(self._world.step(command))  # raises for values that are not finite
+        command = np.minimum(
+            np.maximum(checked_action(action, self._low.shape, "action"), self._low), self._high
+        )
+        episode.update(self._simulator.step(command))  # raises for values that are not finite
 
     @property
     def episode(self) -> "Episode":
@@ -114,23 +120,23 @@ class EpisodeCore:
 
     def observe(self) -> ObservationDict:
         """The current observation, in new arrays."""
-        assert self._world is not None  # an episode is under way
-        (seen,) = observe(self.episode.scene, self._world, [self._declared])
-        return self.observations.keyed(seen)
+        assert self._simulator is not None  # an episode is under way
+        (observation,) = observe(self.episode.scene, self._simulator, [self._declared])
+        return self.observations.as_dict(observation)
 
     def render(self) -> NDArray[np.uint8]:
         """(H, W, 3) RGB of the camera `global`. Raises ArgumentError without `render_mode`."""
         if self._render_mode is None:
             raise ArgumentError("render() was called without a render_mode; expected render_mode='rgb_array'")
-        if self._world is None or self._episode is None:
+        if self._simulator is None or self._episode is None:
             raise ResetNeeded("there is no episode to show; call reset() first")
-        return self._world.images(["global"])["global"]
+        return self._simulator.images(["global"])["global"]
 
     def close(self) -> None:
         """Frees the simulator; may be called again."""
-        if self._world is not None:
-            self._world.close()
-        self._world = None
+        if self._simulator is not None:
+            self._simulator.close()
+        self._simulator = None
 
 
 class Episode:
@@ -146,10 +152,10 @@ class Episode:
         self._violations = int(self._violation is not None)
         self._ledger = Ledger()
 
-    def see(self, scene: Scene) -> None:
+    def update(self, scene: Scene) -> None:
         """Updates the episode with the scene after the next control step."""
         self.scene, self._verdict, self._violation = scene, self._judge(scene), self._monitor(scene)
-        self._ledger.see(scene, self._verdict)
+        self._ledger.record(scene, self._verdict)
         self._success_paper |= self._verdict.success_paper
         self._violations += self._violation is not None
 
@@ -187,14 +193,14 @@ class Episode:
             "stopped": self.stopped,  # protective stop
             "score": self._ledger.score,  # progress from 0 to 1, which is success
             "conditions": dict(self._verdict.evidence),  # of the strict criterion, now
-            "measured": {name: found.value for name, found in self._verdict.measured.items()},
+            "measured": {name: condition.value for name, condition in self._verdict.measured.items()},
             "violation": "" if self._violation is None else self._violation.sentence,  # of this step
             "violations": self._violations,  # number of steps with one so far
             "drawn": deepcopy(dict(self._drawn)),  # of the variation; empty where nothing varies
         }
 
 
-class Face:
+class BaseEnv:
     """Base of the environments around an `EpisodeCore`, whose arguments and errors they share."""
 
     def __init__(
@@ -211,7 +217,7 @@ class Face:
     @property
     def labels(self) -> tuple[str, ...]:
         """Meaning of the values of a segmentation."""
-        return labels(self.task)
+        return label_names(self.task)
 
     def render(self) -> NDArray[np.uint8]:
         return self.core.render()
@@ -220,7 +226,7 @@ class Face:
         self.core.close()
 
 
-def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:
+def checked_action(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:
     """An action as a float32 array. Raises ArgumentError unless it has this shape."""
     expected = f"expected finite numbers of shape {shape}: joint targets in rad, gripper in [-1, 1]"
     try:
@@ -232,7 +238,7 @@ def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.floa
     return array
 
 
-def configured() -> tuple[str, ...]:
+def task_names() -> tuple[str, ...]:
     """The names of the tasks of conf/task."""
     return tuple(sorted(path.stem for path in CONFIGURED.glob("*.yaml")))
 
@@ -241,12 +247,12 @@ def find_task(task: str | Path | Task) -> Task:
     """A task by its name, the path of its YAML file, or itself. Raises ArgumentError."""
     if isinstance(task, Task):
         return task
-    if (found := named_task(str(task))) is not None:
-        return found
+    if (known_task := named_task(str(task))) is not None:
+        return known_task
     path = Path(task)
     if path.suffix != ".yaml":
-        raise choices(
-            "task", str(task), (*configured(), *families(CONFIGURED), "the path of a task's YAML file")
+        raise unknown_choice(
+            "task", str(task), (*task_names(), *families(CONFIGURED), "the path of a task's YAML file")
         )
     if not path.is_file():
         raise ArgumentError(f"task {str(task)!r}: there is no such file")

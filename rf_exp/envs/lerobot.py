@@ -13,15 +13,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from rf_exp.envs.central import CentralEnv
-from rf_exp.envs.core import find_task, shaped
-from rf_exp.envs.observations import action_space, space
+from rf_exp.envs.core import checked_action, find_task
+from rf_exp.envs.observations import action_space, observation_space
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
 from rf_exp.tasks import Task
 
 LEROBOT_ID = "rf_exp/lerobot-v1"
 RGB, POSE, PIXELS = "rgb_", "pose_", "pixels"
-KEPT = ("success", "success_paper", "stopped", "score", "seed", "violations")  # entries of info that are kept
+# Entries of info that are kept.
+INFO_KEYS = ("success", "success_paper", "stopped", "score", "seed", "violations")
 
 
 class LeRobotEnv(CentralEnv):
@@ -44,10 +45,10 @@ class LeRobotEnv(CentralEnv):
         **options: Any,
     ) -> None:
         observations = Observations("joints", pictures=True) if observations is None else observations
-        shown, acts = lerobot_spaces(task, observations)
+        observed_space, commanded_space = lerobot_spaces(task, observations)
         super().__init__(task, observations, render_mode=render_mode, **options)
-        self._whole = self.action_space.shape  # (N, A)
-        self.observation_space, self.action_space = shown, acts
+        self._action_shape = self.action_space.shape  # (N, A)
+        self.observation_space, self.action_space = observed_space, commanded_space
         # LeRobot reads these attributes.
         self.task_description, self._max_episode_steps = self.task.description, self.task.step_limit
 
@@ -55,14 +56,14 @@ class LeRobotEnv(CentralEnv):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[ObservationDict, dict[str, Any]]:
         """Resets as `CentralEnv.reset` does; LeRobot's `options` do not concern the scene and are ignored."""
-        observed, info = super().reset(seed=seed)
-        return _keyed(observed), _told(info)
+        observation, info = super().reset(seed=seed)
+        return _lerobot_observation(observation), _lerobot_info(info)
 
     def step(self, action: NDArray[np.floating]) -> tuple[ObservationDict, float, bool, bool, dict[str, Any]]:
         """One control step, 50 ms: observation, reward, terminated, truncated, info."""
-        command = shaped(action, self.action_space.shape, "action").reshape(self._whole)
-        observed, reward, terminated, truncated, info = super().step(command)
-        return _keyed(observed), reward, terminated, truncated, _told(info)
+        command = checked_action(action, self.action_space.shape, "action").reshape(self._action_shape)
+        observation, reward, terminated, truncated, info = super().step(command)
+        return _lerobot_observation(observation), reward, terminated, truncated, _lerobot_info(info)
 
 
 def lerobot_spaces(task: str | Path | Task, observations: Observations) -> tuple[spaces.Dict, spaces.Box]:
@@ -72,39 +73,44 @@ def lerobot_spaces(task: str | Path | Task, observations: Observations) -> tuple
             "LeRobot has keys for joints, poses and colour, and reads the task's words elsewhere; expected "
             "observations without depth, segmentation, calibration and language"
         )
-    found = find_task(task)
-    low, high = (_keyed(_bounds(space(observations, found), which)) for which in ("low", "high"))
-    shown: dict[str, spaces.Space] = {
+    resolved_task = find_task(task)
+    low, high = (
+        _lerobot_observation(_bounds(observation_space(observations, resolved_task), bound))
+        for bound in ("low", "high")
+    )
+    spaces_by_key: dict[str, spaces.Space] = {
         key: spaces.Box(low[key], high[key], dtype=np.float32) for key in low if key != PIXELS
     }
     if PIXELS in low:
-        boxes: dict[str, spaces.Space] = {
-            name: spaces.Box(0, 255, each.shape, np.uint8) for name, each in low[PIXELS].items()
+        picture_spaces: dict[str, spaces.Space] = {
+            name: spaces.Box(0, 255, limits.shape, np.uint8) for name, limits in low[PIXELS].items()
         }
-        shown[PIXELS] = spaces.Dict(boxes)
-    acts = action_space(found)
-    return spaces.Dict(shown), spaces.Box(acts.low.ravel(), acts.high.ravel(), dtype=np.float32)
+        spaces_by_key[PIXELS] = spaces.Dict(picture_spaces)
+    arm_actions = action_space(resolved_task)
+    return spaces.Dict(spaces_by_key), spaces.Box(
+        arm_actions.low.ravel(), arm_actions.high.ravel(), dtype=np.float32
+    )
 
 
-def _bounds(whole: spaces.Dict, which: str) -> ObservationDict:
+def _bounds(space: spaces.Dict, bound: str) -> ObservationDict:
     """An observation of the smallest (`low`) or largest (`high`) values of a space."""
-    return {key: getattr(each, which) for key, each in whole.items()}
+    return {key: getattr(part, bound) for key, part in space.items()}
 
 
-def _keyed(observed: ObservationDict) -> ObservationDict:
+def _lerobot_observation(observation: ObservationDict) -> ObservationDict:
     """An observation of `CentralEnv` with LeRobot's keys."""
-    poses = [observed[key] for key in observed if key.startswith(POSE)]
-    pictures = {key.removeprefix(RGB): observed[key] for key in observed if key.startswith(RGB)}
+    poses = [observation[key] for key in observation if key.startswith(POSE)]
+    pictures = {key.removeprefix(RGB): observation[key] for key in observation if key.startswith(RGB)}
     return {
-        **({"agent_pos": observed["qpos"].ravel()} if "qpos" in observed else {}),
+        **({"agent_pos": observation["qpos"].ravel()} if "qpos" in observation else {}),
         **({"environment_state": np.concatenate(poses)} if poses else {}),
         **({PIXELS: pictures} if pictures else {}),
     }
 
 
-def _told(info: dict[str, Any]) -> dict[str, Any]:
+def _lerobot_info(info: dict[str, Any]) -> dict[str, Any]:
     """LeRobot's `is_success`, and the entries that its vectorised environments can hold."""
-    return {"is_success": info["success"], **{key: info[key] for key in KEPT}}
+    return {"is_success": info["success"], **{key: info[key] for key in INFO_KEYS}}
 
 
 gymnasium.register(LEROBOT_ID, entry_point=LeRobotEnv)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rf_exp.observations import ObservationDict, Observations
 from rf_exp.sim import FAR_M
-from rf_exp.tasks import Task, labels
+from rf_exp.tasks import Task, label_names
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, Scene, camera_names, fingers_of
 
@@ -29,37 +29,37 @@ def action_space(task: Task, agent: int | None = None) -> spaces.Box:
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Dict:
+def observation_space(observations: Observations, task: Task, agent: int | None = None) -> spaces.Dict:
     """The observation space of one controller of all arms, or of one agent."""
-    cameras = camera_names(seen.cameras, 1 if agent is not None else len(task.agents))
+    cameras = camera_names(observations.cameras, 1 if agent is not None else len(task.agents))
     names = [name.replace("agent1", "local") for name in cameras] if agent is not None else cameras
-    shown: dict[str, spaces.Space] = {}
-    if seen.state != "none":
+    parts: dict[str, spaces.Space] = {}
+    if observations.state != "none":
         order = task.agents if agent is None else _own_first(task, agent)
         joints = _qpos_space(task, order)
-        if agent is not None and seen.state == "joints":
+        if agent is not None and observations.state == "joints":
             joints = spaces.Box(joints.low[0], joints.high[0], dtype=np.float32)
-        shown |= {"qpos": joints, "qvel": _unbounded(joints.shape)}
-    if seen.state == "full":
-        far = np.array([np.inf] * 3 + [1.0] * 4, np.float32)
-        shown |= {f"pose_{name}": spaces.Box(-far, far, dtype=np.float32) for name in task.objects}
-    size = (seen.height, seen.width)
-    if seen.pictures:
-        shown |= {f"rgb_{name}": spaces.Box(0, 255, (*size, 3), np.uint8) for name in names}
-    if seen.depth:
-        shown |= {f"depth_{name}": spaces.Box(0.0, FAR_M, size, np.float32) for name in names}
-    if seen.segmentation:
-        last = len(labels(task)) - 1
-        shown |= {f"segmentation_{name}": spaces.Box(0, last, size, np.uint8) for name in names}
-    if seen.calibration:
+        parts |= {"qpos": joints, "qvel": _unbounded(joints.shape)}
+    if observations.state == "full":
+        bound = np.array([np.inf] * 3 + [1.0] * 4, np.float32)
+        parts |= {f"pose_{name}": spaces.Box(-bound, bound, dtype=np.float32) for name in task.objects}
+    size = (observations.height, observations.width)
+    if observations.pictures:
+        parts |= {f"rgb_{name}": spaces.Box(0, 255, (*size, 3), np.uint8) for name in names}
+    if observations.depth:
+        parts |= {f"depth_{name}": spaces.Box(0.0, FAR_M, size, np.float32) for name in names}
+    if observations.segmentation:
+        largest_label = len(label_names(task)) - 1
+        parts |= {f"segmentation_{name}": spaces.Box(0, largest_label, size, np.uint8) for name in names}
+    if observations.calibration:
         poses = {"world_from_base": (len(task.agents), 4, 4)}
         poses |= {f"world_from_camera_{name}": (4, 4) for name in names}
         poses |= {f"intrinsics_{name}": (3, 3) for name in names}
-        shown |= {key: _unbounded(shape) for key, shape in poses.items()}
-    if seen.language:
+        parts |= {key: _unbounded(shape) for key, shape in poses.items()}
+    if observations.language:
         count = len(task.description)
-        shown["language"] = spaces.Text(count, min_length=count, charset=frozenset(task.description))
-    return spaces.Dict(shown)
+        parts["language"] = spaces.Text(count, min_length=count, charset=frozenset(task.description))
+    return spaces.Dict(parts)
 
 
 def _own_first(task: Task, agent: int) -> tuple[int, ...]:
@@ -80,7 +80,9 @@ def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
     return spaces.Box(-np.inf, np.inf, shape, np.float32)
 
 
-def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[ObservationDict], ObservationDict]:
+def agent_extractor(
+    observations: Observations, task: Task, agent: int
+) -> Callable[[ObservationDict], ObservationDict]:
     """Function from the observation of one controller to that of this agent, in arrays of its own.
 
     Arrays shared by several agents are copied for all but the last one, which gets the originals. With state
@@ -90,25 +92,34 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
     kinds = "rgb", "depth", "segmentation", "world_from_camera", "intrinsics"
     local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in kinds}
     several = len(task.agents) > 1
-    joints = {"qpos", "qvel"} if seen.state == "joints" or several else set[str]()
-    alone = {"language", *local} if agent < len(task.agents) else set(space(seen, task, agent))
+    joint_keys = {"qpos", "qvel"} if observations.state == "joints" or several else set[str]()
+    unshared = (
+        {"language", *local}
+        if agent < len(task.agents)
+        else set(observation_space(observations, task, agent))
+    )
 
     def own_first(rows: NDArray[np.float32]) -> NDArray[np.float32]:
         return rows.take(order, axis=0)
 
-    def of(key: str) -> Callable[[NDArray], NDArray] | None:
-        if key in joints:
-            return (lambda rows: rows[agent - 1].copy()) if seen.state == "joints" else own_first
+    def conversion(key: str) -> Callable[[NDArray], NDArray] | None:
+        if key in joint_keys:
+            return (lambda rows: rows[agent - 1].copy()) if observations.state == "joints" else own_first
         if key == "world_from_base" and several:
             return own_first
-        return None if key in alone else np.ndarray.copy
+        return None if key in unshared else np.ndarray.copy
 
-    parts = [(key, local.get(key, key), of(key)) for key in space(seen, task, agent)]
+    parts = [
+        (key, local.get(key, key), conversion(key)) for key in observation_space(observations, task, agent)
+    ]
 
-    def take(whole: ObservationDict) -> ObservationDict:
-        return {key: whole[name] if own is None else own(whole[name]) for key, name, own in parts}
+    def extract(observation: ObservationDict) -> ObservationDict:
+        return {
+            key: observation[name] if convert is None else convert(observation[name])
+            for key, name, convert in parts
+        }
 
-    return take
+    return extract
 
 
 def state_vector(scene: Scene) -> NDArray[np.float32]:

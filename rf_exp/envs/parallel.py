@@ -9,16 +9,22 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from rf_exp.envs.core import METADATA, Face, shaped
-from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
+from rf_exp.envs.core import METADATA, BaseEnv, checked_action
+from rf_exp.envs.observations import (
+    action_space,
+    agent_extractor,
+    observation_space,
+    state_space,
+    state_vector,
+)
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
 from rf_exp.tasks import Task
 
-Of = dict[str, Any]  # agent -> value
+PerAgent = dict[str, Any]  # agent -> value
 
 
-class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32]]):
+class ParallelArmsEnv(BaseEnv, ParallelEnv[str, ObservationDict, NDArray[np.float32]]):
     """Environment of a task for the agents `agent1` to `agent<N>`: `rf_exp.envs.parallel_env("<task>")`.
 
     Actions of each (A,) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open],
@@ -34,13 +40,19 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         super().__init__(task, observations, **options)
         self.metadata = METADATA | {"name": f"rf_exp_{self.task.name}", "is_parallelizable": True}
         numbers = {f"agent{agent}": agent for agent in self.task.agents}
-        seen = self.core.observations
+        observations = self.core.observations
         self.possible_agents = list(numbers)
         self.agents: list[str] = []
-        self.action_spaces: Of = {name: action_space(self.task, agent) for name, agent in numbers.items()}
-        self.observation_spaces: Of = {name: space(seen, self.task, k) for name, k in numbers.items()}
+        self.action_spaces: PerAgent = {
+            name: action_space(self.task, agent) for name, agent in numbers.items()
+        }
+        self.observation_spaces: PerAgent = {
+            name: observation_space(observations, self.task, k) for name, k in numbers.items()
+        }
         self.state_space = state_space(self.task)
-        self._own = {name: of_agent(seen, self.task, agent) for name, agent in numbers.items()}
+        self._extractors = {
+            name: agent_extractor(observations, self.task, agent) for name, agent in numbers.items()
+        }
         self._rng: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Dict:
@@ -51,7 +63,9 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         """Space (A,) of an agent, each with its own random numbers."""
         return self.action_spaces[agent]
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Of, Of]:
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[PerAgent, PerAgent]:
         """Resets to the scene of exactly this seed, else to a drawn one; info holds its seed."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
@@ -59,28 +73,30 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         self.agents = self.possible_agents[:]
         return self._observed(), self._infos()
 
-    def step(self, actions: Of) -> tuple[Of, dict[str, float], dict[str, bool], dict[str, bool], Of]:
+    def step(
+        self, actions: PerAgent
+    ) -> tuple[PerAgent, dict[str, float], dict[str, bool], dict[str, bool], PerAgent]:
         """Observations, rewards, terminated, truncated, infos. Raises ArgumentError for a missing action."""
         agents = self.possible_agents
-        if self.agents and actions.keys() != self._own.keys():
+        if self.agents and actions.keys() != self._extractors.keys():
             raise ArgumentError(f"actions of {sorted(actions)}; expected one of each of {agents}")
         try:
             self.core.step([actions[name] for name in self.agents])
         except ArgumentError:
             for name in agents:  # finds the invalid one
-                shaped(actions[name], self.action_space(name).shape, f"action of {name}")
+                checked_action(actions[name], self.action_space(name).shape, f"action of {name}")
             raise
-        now = self.core.episode
-        if now.terminated or now.truncated:
+        episode = self.core.episode
+        if episode.terminated or episode.truncated:
             self.agents = []
-        ended = (dict.fromkeys(agents, now.terminated), dict.fromkeys(agents, now.truncated))
-        return self._observed(), dict.fromkeys(agents, now.reward), *ended, self._infos()
+        flags = (dict.fromkeys(agents, episode.terminated), dict.fromkeys(agents, episode.truncated))
+        return self._observed(), dict.fromkeys(agents, episode.reward), *flags, self._infos()
 
-    def _observed(self) -> Of:
-        whole = self.core.observe()
-        return {name: own(whole) for name, own in self._own.items()}
+    def _observed(self) -> PerAgent:
+        observation = self.core.observe()
+        return {name: extract(observation) for name, extract in self._extractors.items()}
 
-    def _infos(self) -> Of:
+    def _infos(self) -> PerAgent:
         return {name: self.core.episode.info() for name in self.possible_agents}
 
     def state(self) -> NDArray[np.float32]:

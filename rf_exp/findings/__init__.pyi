@@ -1,4 +1,4 @@
-from .account import NOTHING as NOTHING
+from .account import NO_STEPS as NO_STEPS
 from .account import Account as Account
 from .account import Closest as Closest
 from .account import ClutterContact as ClutterContact
@@ -9,13 +9,13 @@ from .account import bound_text as bound_text
 from .dialogue import Answer as Answer
 from .dialogue import Dialogue as Dialogue
 from .dialogue import Ruling as Ruling
-from .finding import About as About
 from .finding import Cause as Cause
 from .finding import CheckName as CheckName
 from .finding import Doing as Doing
+from .finding import FactArguments as FactArguments
 from .finding import Finding as Finding
-from .finding import Found as Found
-from .finding import Misread as Misread
+from .finding import FindingFacts as FindingFacts
+from .finding import ParseError as ParseError
 from .finding import Violation as Violation
 from .finding import agent_name as agent_name
-from .finding import names as names
+from .finding import agent_names as agent_names

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from rf_exp.findings.finding import Violation
 
-TOO_SHORT = "all conditions held, but not for long"
+HELD_TOO_SHORT = "all conditions held, but not for long"
 TOUCHED = "all conditions held, but arms had touched"
-IDLE = "nothing was carried out"
+NOTHING_EXECUTED = "nothing was carried out"
 
 
 def bound_text(bound: float, above: bool) -> str:
@@ -39,8 +39,8 @@ class Unmet:
         if self.value is not None:
             better = self.best is not None and f"{self.best:.2g}" != f"{self.value:.2g}"
             best = f", best {self.best:.2g}" if better and not self.since_s else ""
-            asked = bound_text(self.bound, self.above)
-            parts += [f"{self.value:.2g} {self.unit}{best}, asked {asked}"]
+            requirement = bound_text(self.bound, self.above)
+            parts += [f"{self.value:.2g} {self.unit}{best}, asked {requirement}"]
         return f"{self.name} ({': '.join(parts)})"
 
 
@@ -63,12 +63,12 @@ class Closest:
 
     @property
     def sentence(self) -> str:
-        long = f", for {self.steps} steps" if self.steps else ""
-        when = f" ({self.time_s:.2f} s{long})" if self.holding else ""
+        duration = f", for {self.steps} steps" if self.steps else ""
+        when = f" ({self.time_s:.2f} s{duration})" if self.holding else ""
         return f"at best {self.holding} of {self.of}{when}"
 
 
-NOTHING = Closest(0, 0, 0.0, 0)  # of an attempt without a step
+NO_STEPS = Closest(0, 0, 0.0, 0)  # of an attempt without a step
 
 
 @dataclass(frozen=True)
@@ -150,15 +150,15 @@ class Account:
             return [self.ended]
         closest = self.closest
         if self.unmet:
-            parts = ["failed: " + ", ".join(each.sentence for each in self.unmet)]
+            parts = ["failed: " + ", ".join(condition.sentence for condition in self.unmet)]
             parts += [closest.sentence] if closest is not None else []
         else:
-            steps = f" ({closest.steps} steps)" if closest is not None and closest != NOTHING else ""
-            parts = [f"failed: {self._briefly}{steps}"]
-        parts += [each.sentence for each in (*self.touches, *self.clutter_contacts, *self.lost)]
+            steps = f" ({closest.steps} steps)" if closest is not None and closest != NO_STEPS else ""
+            parts = [f"failed: {self._summary}{steps}"]
+        parts += [event.sentence for event in (*self.touches, *self.clutter_contacts, *self.lost)]
         if self.rejections:  # the first says what went wrong; the last, why that could not be repaired
-            first, last, many = self.rejections[0], self.rejections[-1], len(self.rejections)
-            parts.append(f"the first violation of {many}: {first.sentence}")
+            first, last, count = self.rejections[0], self.rejections[-1], len(self.rejections)
+            parts.append(f"the first violation of {count}: {first.sentence}")
             parts += [f"the last: {last.sentence}"] if last.sentence != first.sentence else []
         return parts
 
@@ -169,15 +169,15 @@ class Account:
             return f"refused: {self.refused.kind}"
         if self.ended:
             return self.ended
-        failed = ", ".join(each.name for each in self.unmet) or self._briefly
-        clutter = dict.fromkeys(each.kind for each in self.clutter_contacts)
-        happened = [each.kind for each in self.touches] + [*clutter]
-        happened += [each.kind for each in (*self.lost, *self.rejections[:1])]
-        return "; ".join([failed, *happened])
+        failed = ", ".join(condition.name for condition in self.unmet) or self._summary
+        clutter = dict.fromkeys(contact.kind for contact in self.clutter_contacts)
+        events = [touch.kind for touch in self.touches] + [*clutter]
+        events += [event.kind for event in (*self.lost, *self.rejections[:1])]
+        return "; ".join([failed, *events])
 
     @property
-    def _briefly(self) -> str:
+    def _summary(self) -> str:
         """Reason for a failure without an unmet condition at the end."""
-        if self.closest == NOTHING:
-            return IDLE
-        return TOUCHED if self.touches else TOO_SHORT
+        if self.closest == NO_STEPS:
+            return NOTHING_EXECUTED
+        return TOUCHED if self.touches else HELD_TOO_SHORT

@@ -53,7 +53,7 @@ class Dialogue:
     @property
     def rounds(self) -> list[list[Answer]]:
         """The answers of each round."""
-        return [list(some) for _, some in groupby(self.answers, key=lambda each: each.round)]
+        return [list(answers) for _, answers in groupby(self.answers, key=lambda answer: answer.round)]
 
     @property
     def repairs(self) -> int:
@@ -63,14 +63,16 @@ class Dialogue:
     @property
     def valid_after(self) -> int | None:
         """Repairs in the first round until a plan passed all checks; None: none did."""
-        return next((k for k, each in enumerate(next(iter(self.rounds), [])) if each.passed), None)
+        return next(
+            (repairs for repairs, answer in enumerate(next(iter(self.rounds), [])) if answer.passed), None
+        )
 
     @property
     def codes(self) -> Counter[str]:
         """Codes of what was wrong with answers, with their counts."""
-        return Counter(each.code for each in self.answers if each.code)
+        return Counter(answer.code for answer in self.answers if answer.code)
 
     @property
-    def firsts(self) -> Iterator[Answer]:
+    def first_answers(self) -> Iterator[Answer]:
         """The first answer of each round, given without feedback; none where nothing was left to do."""
-        return (some[0] for some in self.rounds if some[0].ruling is not Ruling.NOTHING_LEFT)
+        return (answers[0] for answers in self.rounds if answers[0].ruling is not Ruling.NOTHING_LEFT)

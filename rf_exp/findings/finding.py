@@ -15,13 +15,13 @@ from rf_exp.errors import ArgumentError
 class Finding(StrEnum):
     """Kind of finding, with the template of its sentence: here after the first colon."""
 
-    form: str
+    template: str
 
-    def __new__(cls, said: str) -> "Finding":
-        code, _, form = said.partition(": ")
-        found = str.__new__(cls, code)
-        found._value_, found.form = code, form
-        return found
+    def __new__(cls, text: str) -> "Finding":
+        code, _, template = text.partition(": ")
+        finding = str.__new__(cls, code)
+        finding._value_, finding.template = code, template
+        return finding
 
     # Contact with objects.
     BESIDE_POINT = (
@@ -229,7 +229,7 @@ class Doing:
 
 
 @dataclass(frozen=True)
-class Found:
+class FindingFacts:
     """A finding with its facts. Its kind (`Finding`) determines which facts after the numbers it has."""
 
     finding: Finding = Finding.CONSTRAINT
@@ -254,16 +254,16 @@ class Found:
     @property
     def sentence(self) -> str:
         """Sentence that a person and a language model can act on."""
-        said = self.finding.form.format_map(self)
-        return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
+        text = self.finding.template.format_map(self)
+        return f"{text}; paths were tried {', then '.join(self.tried)}" if self.tried else text
 
     def __getitem__(self, name: str) -> Any:
         """Value of a name in a template: a fact as it is, or as written in sentences."""
-        return _WRITTEN[name](self) if name in _WRITTEN else getattr(self, name)
+        return _TEMPLATE_VALUES[name](self) if name in _TEMPLATE_VALUES else getattr(self, name)
 
 
-class About(TypedDict, total=False):
-    """Facts of `Found` besides its numbers, to be passed as keyword arguments."""
+class FactArguments(TypedDict, total=False):
+    """Facts of `FindingFacts` besides its numbers, to be passed as keyword arguments."""
 
     agents: tuple[int, ...]
     measured: bool
@@ -276,7 +276,7 @@ class About(TypedDict, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Violation(Found):
+class Violation(FindingFacts):
     """A check that failed, with the evidence."""
 
     check: CheckName
@@ -290,16 +290,16 @@ class Violation(Found):
     @property
     def kind(self) -> str:
         """Agents, finding and object, without what depends on the seed: equal failures have equal texts."""
-        who = " and ".join(map(agent_name, self.agents))
-        about = self.obstacles or ((self.object,) if self.object else ())
-        return ": ".join(filter(None, (who, f"{self.finding} {', '.join(about)}".strip())))
+        agents = " and ".join(map(agent_name, self.agents))
+        concerned = self.obstacles or ((self.object,) if self.object else ())
+        return ": ".join(filter(None, (agents, f"{self.finding} {', '.join(concerned)}".strip())))
 
 
-class Misread(ArgumentError):
+class ParseError(ArgumentError):
     """Text that cannot be understood, as an error with its finding."""
 
-    def __init__(self, told: object, finding: Finding = Finding.REFUSED) -> None:
-        super().__init__(str(told))
+    def __init__(self, message: object, finding: Finding = Finding.REFUSED) -> None:
+        super().__init__(str(message))
         self.finding = finding
 
 
@@ -308,66 +308,71 @@ def agent_name(agent: int) -> str:
     return f"Agent_{agent}" if agent else "Anybody"
 
 
-def names(agents: tuple[int, ...]) -> str:
+def agent_names(agents: tuple[int, ...]) -> str:
     """`Agent_1` or `[Agent_1, Agent_2]`, as in the paper's check code."""
-    listed = ", ".join(map(agent_name, agents))
-    return listed if len(agents) == 1 else f"[{listed}]"
+    joined = ", ".join(map(agent_name, agents))
+    return joined if len(agents) == 1 else f"[{joined}]"
 
 
-def _does(now: Doing | None) -> str:
-    return "standing still" if now is None else f"to {now.subgoal} ({now.primitive})"
+def _activity_text(activity: Doing | None) -> str:
+    return "standing still" if activity is None else f"to {activity.subgoal} ({activity.primitive})"
 
 
-def _is(now: Doing | None) -> str:
-    return "where it stands" if now is None else f"{now.along_s:.2f} s along its own way, {_does(now)}"
+def _position_text(activity: Doing | None) -> str:
+    return (
+        "where it stands"
+        if activity is None
+        else f"{activity.along_s:.2f} s along its own way, {_activity_text(activity)}"
+    )
 
 
-def _everyone(found: Found) -> str:
-    if not found.doing:
-        return names(found.agents)
-    each = zip(found.agents, found.doing, strict=True)
-    return ", and ".join(f"{agent_name(agent)}, {_does(does)}" for agent, does in each)
+def _agents_with_activities(facts: FindingFacts) -> str:
+    if not facts.doing:
+        return agent_names(facts.agents)
+    pairs = zip(facts.agents, facts.doing, strict=True)
+    return ", and ".join(f"{agent_name(agent)}, {_activity_text(activity)}" for agent, activity in pairs)
 
 
-def _moves(found: Found) -> int:
+def _moving_index(facts: FindingFacts) -> int:
     """Index of the one of two agents that moves."""
-    return next((k for k, does in enumerate(found.doing) if does is not None), 0)
+    return next((k for k, activity in enumerate(facts.doing) if activity is not None), 0)
 
 
-def _how_near(found: Found) -> str:
+def _nearest_parts_text(facts: FindingFacts) -> str:
     """Nearest parts of agent and obstacle with their distance, where known."""
-    if not found.parts:
+    if not facts.parts:
         return ""
-    where = f"{found.aspect} " if found.aspect else ""
-    near = f"{found.value * 100:.1f} cm of {found.parts[1]}; at least {found.bound * 100:.1f} cm"
-    return f" ({where}its {found.parts[0]} comes within {near})"
+    aspect = f"{facts.aspect} " if facts.aspect else ""
+    distance = f"{facts.value * 100:.1f} cm of {facts.parts[1]}; at least {facts.bound * 100:.1f} cm"
+    return f" ({aspect}its {facts.parts[0]} comes within {distance})"
 
 
-_WRITTEN: Mapping[str, Callable[[Found], object]] = {  # names in templates -> text, besides plain facts
-    "agents": lambda found: names(found.agents),
-    "a": lambda found: agent_name(found.agents[0]),
-    "b": lambda found: agent_name(found.agents[1]),
-    "both": lambda found: " and ".join(map(agent_name, found.agents[:2])),
-    "everyone": _everyone,
-    "a_does": lambda found: _does(found.doing[0]),
-    "b_does": lambda found: _does(found.doing[1]),
-    "a_is": lambda found: _is(found.doing[0]),
-    "b_is": lambda found: _is(found.doing[1]),
-    "state": lambda found: "as measured" if found.measured else _does(found.doing[0]),
-    "meets": lambda found: "meets" if found.measured else "would meet",
-    "blocked": lambda found: agent_name(found.agents[_moves(found)]),
-    "blocked_is": lambda found: _is(found.doing[_moves(found)]),
-    "parked": lambda found: agent_name(found.agents[1 - _moves(found)]),
-    "at": lambda found: f"at {found.time_s:.2f} s",
-    "cm": lambda found: found.value * 100,
-    "bound_cm": lambda found: found.bound * 100,
-    "mm": lambda found: found.value * 1000,
-    "depth_mm": lambda found: -found.value * 1000,
-    "first": lambda found: found.subgoals[0],
-    "then": lambda found: found.subgoals[1],
-    "listed": lambda found: "; ".join(found.subgoals) or "none",
-    "names": lambda found: ", ".join(found.known) or "none",
-    "obstacle": lambda found: found.obstacles[0],
-    "in_the_way": lambda found: ", ".join(f"{each} is in the way" for each in found.obstacles),
-    "how_near": _how_near,
+# Name in a template -> its text, for names that are not plain facts.
+_TEMPLATE_VALUES: Mapping[str, Callable[[FindingFacts], object]] = {
+    "agents": lambda facts: agent_names(facts.agents),
+    "a": lambda facts: agent_name(facts.agents[0]),
+    "b": lambda facts: agent_name(facts.agents[1]),
+    "both": lambda facts: " and ".join(map(agent_name, facts.agents[:2])),
+    "everyone": _agents_with_activities,
+    "a_does": lambda facts: _activity_text(facts.doing[0]),
+    "b_does": lambda facts: _activity_text(facts.doing[1]),
+    "a_is": lambda facts: _position_text(facts.doing[0]),
+    "b_is": lambda facts: _position_text(facts.doing[1]),
+    "state": lambda facts: "as measured" if facts.measured else _activity_text(facts.doing[0]),
+    "meets": lambda facts: "meets" if facts.measured else "would meet",
+    "blocked": lambda facts: agent_name(facts.agents[_moving_index(facts)]),
+    "blocked_is": lambda facts: _position_text(facts.doing[_moving_index(facts)]),
+    "parked": lambda facts: agent_name(facts.agents[1 - _moving_index(facts)]),
+    "at": lambda facts: f"at {facts.time_s:.2f} s",
+    "cm": lambda facts: facts.value * 100,
+    "bound_cm": lambda facts: facts.bound * 100,
+    "mm": lambda facts: facts.value * 1000,
+    "depth_mm": lambda facts: -facts.value * 1000,
+    "first": lambda facts: facts.subgoals[0],
+    "then": lambda facts: facts.subgoals[1],
+    "listed": lambda facts: "; ".join(facts.subgoals) or "none",
+    "names": lambda facts: ", ".join(facts.known) or "none",
+    "obstacle": lambda facts: facts.obstacles[0],
+    "in_the_way": lambda facts: ", ".join(f"{obstacle} is in the way" for obstacle in facts.obstacles),
+    "how_near": _nearest_parts_text,
 }

@@ -12,15 +12,15 @@ import sys
 from omegaconf import DictConfig
 
 from rf_exp import gallery
-from rf_exp.command import composed, guarded, settled
+from rf_exp.command import hydra_command, run_guarded, to_plain_config
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import read_experiment
 
 
-@composed("gallery")
+@hydra_command("gallery")
 def main(config: DictConfig) -> None:
     """Draws every chosen task, then the overview."""
-    experiment = read_experiment(settled(config))
+    experiment = read_experiment(to_plain_config(config))
     if not experiment.pictures.render:
         raise ArgumentError("render=false makes no pictures, and the gallery is pictures; leave it out")
     if len(experiment.constraint_sets) > 1:
@@ -32,8 +32,8 @@ def main(config: DictConfig) -> None:
     except OSError as error:
         raise ArgumentError(f"cannot write below {experiment.out}: {error.strerror}") from error
 
-    gallery.show(experiment, folder)
+    gallery.write_gallery(experiment, folder)
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

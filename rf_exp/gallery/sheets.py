@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from rf_exp.artifacts import whole
+from rf_exp.artifacts import atomic_path
 from rf_exp.errors import StageError
 from rf_exp.experiment import Experiment
 from rf_exp.gallery.draw import contact_sheet, film, overview, panel, strip
@@ -16,7 +16,7 @@ TRIES = 20  # seeds per task
 QUALITY = 85  # of JPEG
 
 
-def show(experiment: Experiment, folder: Path) -> None:
+def write_gallery(experiment: Experiment, folder: Path) -> None:
     """Draws every task of an experiment into a folder, and an overview of those that succeed.
 
     Raises StageError at the end if no episode of some task succeeded.
@@ -31,15 +31,15 @@ def show(experiment: Experiment, folder: Path) -> None:
                 failed.append(task.name)
                 continue
             panels.append(panel(task, performance))
-            with whole(folder / f"{task.name}.jpg") as draft:
+            with atomic_path(folder / f"{task.name}.jpg") as draft:
                 strip(task, performance).save(draft, quality=QUALITY)
-            with whole(folder / f"{task.name}.png") as draft:
+            with atomic_path(folder / f"{task.name}.png") as draft:
                 contact_sheet(task, performance.stills, performance.seed).save(draft)
-            with whole(folder / f"{task.name}.mp4") as draft:
+            with atomic_path(folder / f"{task.name}.mp4") as draft:
                 film(draft, task, performance, world)
             console.print(f"{task.name}: {folder / task.name}.png, .jpg and .mp4")
     if panels:
-        with whole(folder / "gallery.png") as draft:
+        with atomic_path(folder / "gallery.png") as draft:
             overview(panels).save(draft)
         console.print(f"{len(panels)} tasks: {folder / 'gallery.png'}")
     if failed:

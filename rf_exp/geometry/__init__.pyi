@@ -1,16 +1,16 @@
 from .clearance import Nearest as Nearest
 from .clearance import closer_than as closer_than
-from .clearance import folded as folded
 from .clearance import nearest as nearest
 from .clearance import overlap as overlap
-from .falling import fallen as fallen
+from .clearance import self_collisions as self_collisions
+from .falling import pose_after_drop as pose_after_drop
 from .occupancy import VOXEL_M as VOXEL_M
 from .occupancy import Voxels as Voxels
-from .occupancy import among as among
-from .occupancy import beside as beside
 from .occupancy import centres_m as centres_m
+from .occupancy import contained_in as contained_in
 from .occupancy import shared as shared
 from .occupancy import voxels as voxels
+from .occupancy import within_margin as within_margin
 from .planning_scene import AGENT_MARGIN_M as AGENT_MARGIN_M
 from .planning_scene import OBJECT_MARGIN_M as OBJECT_MARGIN_M
 from .planning_scene import TABLE_MARGIN_M as TABLE_MARGIN_M
@@ -21,5 +21,5 @@ from .separation import measured_pair as measured_pair
 from .swept import Mask as Mask
 from .swept import Piece as Piece
 from .swept import Swept as Swept
-from .swept import joined as joined
 from .swept import lowest_m as lowest_m
+from .swept import merged as merged

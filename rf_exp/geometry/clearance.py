@@ -20,10 +20,14 @@ from scipy.spatial.distance import cdist
 from rf_exp.geometry.swept import CORE_SPHERES, FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
 
 SLACK_M = 1e-4  # for coal's tolerance; in doubt, cells count as too close
-ASKEW_M = 2.5e-4  # gap along coal's direction may be smaller than its distance: 0.17 mm at most in 120,000
+NORMAL_ERROR_M = (
+    2.5e-4  # gap along coal's direction may be smaller than its distance: 0.17 mm at most in 120,000
+)
 BLOCK = 32  # side of the initial blocks, in positions
-SAME_M = 1e-6  # tolerance between the release and the pick-up pose of a handed-over object
-DOUBT = 0.2  # times the margin: cells with an upper bound this close above it are forbidden without refining
+HANDOVER_TOLERANCE_M = 1e-6  # tolerance between the release and the pick-up pose of a handed-over object
+FORBID_TOLERANCE = (
+    0.2  # cells with an upper bound below (1 + this) times the margin are forbidden, not refined
+)
 
 Pair = tuple[int, int, Mask, Mask]  # pieces that must keep apart where both masks, (P,) and (Q,), are True
 Parts = tuple[Indices, Floats]  # (M, 3) open items, (M,) sort key in m, deepest first
@@ -42,74 +46,92 @@ class Nearest:
     at: tuple[int, int] = (0, 0)  # path positions
 
 
-def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
+def _separation_masks(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
     """Returns a function from labels of a and b to masks (P,), (Q,) of the cells in which they keep apart."""
     always_a, always_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
     never_a, never_b = ~always_a, ~always_b
 
     @cache
-    def when(x: str, y: str) -> list[tuple[Mask, Mask]]:
+    def masks_of(x: str, y: str) -> list[tuple[Mask, Mask]]:
         if x == y and x in a.objects and y in b.objects:
             return []
         if x in a.objects and y in b.objects:  # two objects at rest need not keep apart
             rows, columns = ~a.rests.get(y, never_a), ~b.rests.get(x, never_b)
             moves_a, moves_b = a.carried.get(x, never_a), b.carried.get(y, never_b)
-            found = [(rows & moves_a, columns)] if (rows & moves_a).any() else []
-            found += [(rows & ~moves_a, columns & moves_b)] if (columns & moves_b).any() else []
-            return real(x, y, found)
+            masks = [(rows & moves_a, columns)] if (rows & moves_a).any() else []
+            masks += [(rows & ~moves_a, columns & moves_b)] if (columns & moves_b).any() else []
+            return restricted(x, y, masks)
         # An object that both agents hold is no obstacle to either: it moves with both.
         rows, columns = always_a, always_b
         if y in b.objects:
             rows = ~(a.touches if x in a.gripper else a.holds).get(y, never_a)
         if x in a.objects:
             columns = ~(b.touches if y in b.gripper else b.holds).get(x, never_b)
-        return real(x, y, [(rows, columns)] if rows.any() and columns.any() else [])
+        return restricted(x, y, [(rows, columns)] if rows.any() and columns.any() else [])
 
-    def real(x: str, y: str, parts: list[tuple[Mask, Mask]]) -> list[tuple[Mask, Mask]]:
+    def restricted(x: str, y: str, masks: list[tuple[Mask, Mask]]) -> list[tuple[Mask, Mask]]:
         """The parts restricted to cells in which handed-over objects are where the bodies have them."""
-        for some in (_handed_over(a, b, x), [(rows, columns) for columns, rows in _handed_over(b, a, y)]):
-            if some:
-                both = ((rows & more, columns & others) for rows, columns in parts for more, others in some)
-                parts = [(rows, columns) for rows, columns in both if rows.any() and columns.any()]
-        return parts
+        for handed_over in (
+            _handed_over(a, b, x),
+            [(rows, columns) for columns, rows in _handed_over(b, a, y)],
+        ):
+            if handed_over:
+                products = (
+                    (rows & more_rows, columns & more_columns)
+                    for rows, columns in masks
+                    for more_rows, more_columns in handed_over
+                )
+                masks = [(rows, columns) for rows, columns in products if rows.any() and columns.any()]
+        return masks
 
-    return when
+    return masks_of
 
 
-def _handed_over(one: Swept, other: Swept, name: str) -> list[tuple[Mask, Mask]]:
-    """Masks of the cells in which an object that both bodies carry is where `one` has it; empty: all cells.
+def _handed_over(body: Swept, partner: Swept, name: str) -> list[tuple[Mask, Mask]]:
+    """Masks of the cells in which an object that both bodies carry is where `body` has it; empty: all cells.
 
-    An object that `other` hands over is there only after its release, one that `one` hands over only until
-    `other` takes it.
+    An object that `partner` hands over is there only after its release, one that `body` hands over only until
+    `partner` takes it.
     """
-    mine, theirs = one.carried.get(name), other.carried.get(name)
-    if name not in one.objects or mine is None or theirs is None:
+    carried, partner_carried = body.carried.get(name), partner.carried.get(name)
+    if name not in body.objects or carried is None or partner_carried is None:
         return []
-    at, (first, last) = np.arange(len(one)), np.flatnonzero(mine)[[0, -1]]
-    then, (begins, ends) = np.arange(len(other)), np.flatnonzero(theirs)[[0, -1]]
-    piece, its = one.labels.index(name), other.labels.index(name)
-    always = np.ones(len(other), dtype=bool)
-    if np.allclose(one.poses[last, piece], other.poses[begins, its], atol=SAME_M):
-        return [(at <= last, always), (at > last, then < begins)]
-    if np.allclose(one.poses[first, piece], other.poses[ends, its], atol=SAME_M):
-        return [(at >= first, always), (at < first, then > ends)]
+    positions, (first, last) = np.arange(len(body)), np.flatnonzero(carried)[[0, -1]]
+    partner_positions, (partner_first, partner_last) = (
+        np.arange(len(partner)),
+        np.flatnonzero(partner_carried)[[0, -1]],
+    )
+    index, partner_index = body.labels.index(name), partner.labels.index(name)
+    always = np.ones(len(partner), dtype=bool)
+    if np.allclose(
+        body.poses[last, index], partner.poses[partner_first, partner_index], atol=HANDOVER_TOLERANCE_M
+    ):
+        return [(positions <= last, always), (positions > last, partner_positions < partner_first)]
+    if np.allclose(
+        body.poses[first, index], partner.poses[partner_last, partner_index], atol=HANDOVER_TOLERANCE_M
+    ):
+        return [(positions >= first, always), (positions < first, partner_positions > partner_last)]
     return []
 
 
-def apart_now(a: Swept, b: Swept) -> Callable[[str, str], bool]:
+def must_keep_apart(a: Swept, b: Swept) -> Callable[[str, str], bool]:
     """Returns whether two labels, of a and of b, must keep apart at the first positions."""
-    apart = _apart(a, b)
+    apart = _separation_masks(a, b)
     return lambda x, y: any(rows[0] and columns[0] for rows, columns in apart(x, y))
 
 
-def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
+def exact_distances(
+    x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices
+) -> tuple[Floats, Floats, Floats]:
     """Exact distances (M,), directions a to b (M, 3), nearest points of a (M, 3), in the block middles."""
     distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
-    looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
+    shape_pairs = zip(
+        *x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True
+    )
     distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
-    for k, look in enumerate(looks):
+    for k, shape_pair in enumerate(shape_pairs):
         clear()
-        distances[k] = distance(*look, _REQUEST, _RESULT)
+        distances[k] = distance(*shape_pair, _REQUEST, _RESULT)
         normals[k] = _NORMAL
         points[k] = nearest_point()
     return distances, normals, points
@@ -125,18 +147,18 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
     best = Nearest()
     if not gaps.size:
         return best
-    apart = _apart(a, b)
+    apart = _separation_masks(a, b)
 
     @cache
-    def idle(x: str, y: str) -> NDArray[np.int64]:
+    def exempt_cells(x: str, y: str) -> NDArray[np.int64]:
         """The cells in which two labels may touch."""
-        apply = [rows[at[:, 0]] & columns[at[:, 1]] for rows, columns in apart(x, y)]
-        return np.flatnonzero(~np.any(apply, axis=0)) if apply else np.arange(len(at))
+        masks = [rows[at[:, 0]] & columns[at[:, 1]] for rows, columns in apart(x, y)]
+        return np.flatnonzero(~np.any(masks, axis=0)) if masks else np.arange(len(at))
 
     for i, x in enumerate(a.labels):
         for j, y in enumerate(b.labels):
-            if (x in a.objects or y in b.objects) and len(idle(x, y)):  # links must always keep apart
-                gaps[i, j, idle(x, y)] = np.inf
+            if (x in a.objects or y in b.objects) and len(exempt_cells(x, y)):  # links must always keep apart
+                gaps[i, j, exempt_cells(x, y)] = np.inf
     moved_a, moved_b = (body.travelled_m[at[:, k]].T for k, body in enumerate((a, b)))  # (L, T)
     least = gaps.min(axis=2)
     while least.min() < best.distance_m:
@@ -148,7 +170,7 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest:
             best = Nearest(distance_m, a.labels[i], b.labels[j], (row, column))
         # The distance in one cell bounds that in all others, by the travel of both pieces in between.
         moved_m = np.abs(moved_a[i] - moved_a[i, cell]) + np.abs(moved_b[j] - moved_b[j, cell])
-        np.maximum(gaps[i, j], distance_m - moved_m - SLACK_M - ASKEW_M, out=gaps[i, j])
+        np.maximum(gaps[i, j], distance_m - moved_m - SLACK_M - NORMAL_ERROR_M, out=gaps[i, j])
         gaps[i, j, cell] = np.inf
         least[i, j] = gaps[i, j].min()
     return best
@@ -159,26 +181,31 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
 
     Distance zero is contact: coal returns it where it cannot distinguish a touch from an overlap.
     """
-    found = nearest(a, b, np.zeros((1, 2), dtype=int))
-    return found if found.distance_m <= 0 else None
+    closest = nearest(a, b, np.zeros((1, 2), dtype=int))
+    return closest if closest.distance_m <= 0 else None
 
 
-def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
+def self_collisions(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
     """Mask (P,), True where a pair of pieces of one body (index pairs) that must not touch overlaps."""
     first, second = np.array(pairs).T
     gaps = np.linalg.norm(body.centres[:, first] - body.centres[:, second], axis=-1)  # (P, pairs)
     near = gaps < body.radii_m[first] + body.radii_m[second]
-    hit = np.zeros(len(body), dtype=bool)
+    colliding = np.zeros(len(body), dtype=bool)
     for row, k in np.argwhere(near).tolist():
-        hit[row] |= not hit[row] and exact_m(body, body, row, row, *pairs[k]) < 0
-    return hit
+        colliding[row] |= not colliding[row] and exact_m(body, body, row, row, *pairs[k]) < 0
+    return colliding
 
 
 def exact_m(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
     """The exact distance of piece i of a and piece j of b at path positions; negative: penetration depth."""
     _RESULT.clear()
     return coal.distance(
-        a.pieces[i].shape, a.placed(row, i), b.pieces[j].shape, b.placed(column, j), _REQUEST, _RESULT
+        a.pieces[i].shape,
+        a.coal_transform(row, i),
+        b.pieces[j].shape,
+        b.coal_transform(column, j),
+        _REQUEST,
+        _RESULT,
     )
 
 
@@ -192,10 +219,10 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     margin of a cell. Two free neighbours then prove that the motion between them keeps the margin as
     well: along it the distance is at least (d0 + d1 - moved) / 2.
 
-    Free cells keep the required distance. Forbidden cells do not, or exceed it by less than `DOUBT` times
-    the margin.
+    Free cells keep the required distance. Forbidden cells do not, or exceed it by less than
+    `FORBID_TOLERANCE` times the margin.
     """
-    apart = _apart(a, b)
+    apart = _separation_masks(a, b)
     pairs = [
         (i, j, rows, columns)
         for i, j in _near(a, b, margin_m, between)
@@ -205,21 +232,21 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
         return np.zeros((len(a), len(b)), dtype=bool)
     diagram = _Diagram(a, b, pairs, margin_m)
     size = min(BLOCK, 1 << (max(len(a), len(b)) - 1).bit_length())
-    todo = diagram.meeting(a.blocks(size, between), b.blocks(size, between))
+    todo = diagram.initial_items(a.blocks(size, between), b.blocks(size, between))
     while len(todo):
         x, y = a.blocks(size, between), b.blocks(size, between)
         if size == FINE_BLOCK:
-            diagram.pierce(todo, x, y)
+            diagram.forbid_by_cores(todo, x, y)
         first = np.zeros(len(todo), dtype=bool)
         first[np.unique(todo[:, 1] * len(y) + todo[:, 2], return_index=True)[1]] = True
-        left = []
-        for some in (todo[first], todo[~first]):  # the first pair of a block may settle all of it
-            some = diagram.open_blocks(some, x, y)
-            if len(some):
-                left.append(diagram.settle(some, x, y))
-        if not left:
+        still_open = []
+        for items in (todo[first], todo[~first]):  # the first pair of a block may settle all of it
+            items = diagram.open_blocks(items, x, y)
+            if len(items):
+                still_open.append(diagram.settle(items, x, y))
+        if not still_open:
             break
-        todo, gap = (np.concatenate(each) for each in zip(*left, strict=True))
+        todo, gap = (np.concatenate(arrays) for arrays in zip(*still_open, strict=True))
         todo = todo[np.argsort(gap, kind="stable")]
         size //= min(PARTS, size)
     return diagram.forbidden[: len(a), : len(b)]
@@ -231,13 +258,13 @@ def _near(a: Swept, b: Swept, margin_m: float, between: bool) -> list[list[int]]
         return [[i, j] for i in range(len(a.pieces)) for j in range(len(b.pieces))]
     if not (a.pieces and b.pieces):
         return []
-    kept = [body.stride_m / 2 if between and len(body) > 1 else 0.0 for body in (a, b)]
+    added_m = [body.stride_m / 2 if between and len(body) > 1 else 0.0 for body in (a, b)]
     gaps = cdist(a.centres.reshape(-1, 3), b.centres.reshape(-1, 3))
     gaps = gaps.reshape(len(a), len(a.pieces), len(b), len(b.pieces))
-    gaps -= (a.radii_m + kept[0])[..., None, None]  # (P, La) or (La,)
-    gaps -= b.radii_m + kept[1]  # (Q, Lb) or (Lb,)
+    gaps -= (a.radii_m + added_m[0])[..., None, None]  # (P, La) or (La,)
+    gaps -= b.radii_m + added_m[1]  # (Q, Lb) or (Lb,)
     least = gaps.min(axis=(0, 2))
-    return np.argwhere(least < (1 + DOUBT) * margin_m + SLACK_M).tolist()
+    return np.argwhere(least < (1 + FORBID_TOLERANCE) * margin_m + SLACK_M).tolist()
 
 
 class _Diagram:
@@ -245,8 +272,8 @@ class _Diagram:
 
     def __init__(self, a: Swept, b: Swept, pairs: Sequence[Pair], margin_m: float) -> None:
         self.margin_m = margin_m
-        of_a, of_b, in_rows, in_columns = zip(*pairs, strict=True)
-        self.a, self.b = np.array(of_a), np.array(of_b)
+        pieces_a, pieces_b, in_rows, in_columns = zip(*pairs, strict=True)
+        self.a, self.b = np.array(pieces_a), np.array(pieces_b)
         rows, columns = (-(-len(body) // BLOCK) * BLOCK for body in (a, b))
         self.rows = np.zeros((len(pairs), rows), dtype=bool)
         self.columns = np.zeros((len(pairs), columns), dtype=bool)
@@ -255,7 +282,7 @@ class _Diagram:
         self.forbidden = np.ones((rows, columns), dtype=bool)  # padding beyond the ends is settled
         self.forbidden[: len(a), : len(b)] = False
 
-    def meeting(self, x: Blocks, y: Blocks) -> Indices:
+    def initial_items(self, x: Blocks, y: Blocks) -> Indices:
         """Open items whose bounding spheres, and covers along the line of centres, are within the margin."""
         gaps = cdist(x.centres.reshape(-1, 3), y.centres.reshape(-1, 3))
         gaps -= x.reach_m.reshape(-1, 1) + y.reach_m.reshape(-1)
@@ -274,7 +301,7 @@ class _Diagram:
         (centres_a, radii_a), (centres_b, radii_b) = x.cover, y.cover
         far_a = ((centres_a[r, i] @ normal[:, :, None])[..., 0] + radii_a[i]).max(axis=1)
         near_b = ((centres_b[c, j] @ normal[:, :, None])[..., 0] - radii_b[j]).min(axis=1)
-        advance = x.advance_m(i, r, normal).max(axis=1) + y.advance_m(j, c, -normal).max(axis=1)
+        advance = x.approach_bound_m(i, r, normal).max(axis=1) + y.approach_bound_m(j, c, -normal).max(axis=1)
         near = np.flatnonzero(near_b - far_a - advance < self.margin_m)
         return todo[near[np.argsort(gaps[pair[near], r[near], c[near]], kind="stable")]]
 
@@ -282,7 +309,7 @@ class _Diagram:
         """The items with a cell that is not forbidden yet."""
         return todo[~self._cells(todo, x, y).all(axis=(1, 2))]
 
-    def pierce(self, todo: Indices, x: Blocks, y: Blocks) -> None:
+    def forbid_by_cores(self, todo: Indices, x: Blocks, y: Blocks) -> None:
         """Forbids cells in which inner spheres of the pieces are too close; most need no distance then."""
         todo = self.open_blocks(todo, x, y)
         pair, r, c = todo.T
@@ -292,32 +319,35 @@ class _Diagram:
         depth = radii - np.sqrt(np.einsum("mkli,mkli->mkl", line, line))
         deepest = depth.reshape(len(todo), CORE_SPHERES**2).argmax(axis=1)
         k, m = np.divmod(deepest, CORE_SPHERES)
-        most = _apart_m(x.core[i, k, r], y.core[j, m, c]) - radii[np.arange(len(todo)), k, m][:, None, None]
-        most -= x.need_m[i, r][:, :, None] + y.need_m[j, c][:, None]
-        self._forbid(todo, (most < self.margin_m) & self._concerned(todo, x.size, y.size))
+        upper_m = (
+            _point_distances_m(x.core[i, k, r], y.core[j, m, c])
+            - radii[np.arange(len(todo)), k, m][:, None, None]
+        )
+        upper_m -= x.added_motion_m[i, r][:, :, None] + y.added_motion_m[j, c][:, None]
+        self._forbid(todo, (upper_m < self.margin_m) & self._must_separate(todo, x.size, y.size))
 
     def settle(self, todo: Indices, x: Blocks, y: Blocks) -> Parts:
         """Settles parts of blocks, or cells of fine blocks, by bounds; returns the parts that stay open."""
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
-        distance, normal, point_a = look(x, y, todo, i, j)
+        distance, normal, point_a = exact_distances(x, y, todo, i, j)
         # bounds on the distance of the pieces, less the added motion
-        advance = x.advance_m(i, r, normal)[:, :, None] + y.advance_m(j, c, -normal)[:, None]
-        least = distance[:, None, None] - advance
-        most = distance[:, None, None] + x.surplus_m[i, r][:, :, None] + y.surplus_m[j, c][:, None]
-        open_ = ~(least >= self.margin_m + ASKEW_M)
+        advance = x.approach_bound_m(i, r, normal)[:, :, None] + y.approach_bound_m(j, c, -normal)[:, None]
+        lower_m = distance[:, None, None] - advance
+        upper_m = distance[:, None, None] + x.surplus_m[i, r][:, :, None] + y.surplus_m[j, c][:, None]
+        open_ = ~(lower_m >= self.margin_m + NORMAL_ERROR_M)
         if not (x.fine and y.fine):
-            closer = most < self.margin_m - SLACK_M
-            parts, _ = _parts(todo, closer, most, x, y)
-            self._forbid(parts, self._concerned(parts, x.size // x.parts, y.size // y.parts))
-            return _parts(todo, open_ & ~closer, least + most, x, y)
-        most = np.fmin(most, self._carried_m(todo, x, y, distance, normal, point_a))
+            too_close = upper_m < self.margin_m - SLACK_M
+            parts, _ = _parts(todo, too_close, upper_m, x, y)
+            self._forbid(parts, self._must_separate(parts, x.size // x.parts, y.size // y.parts))
+            return _parts(todo, open_ & ~too_close, lower_m + upper_m, x, y)
+        upper_m = np.fmin(upper_m, self._carried_m(todo, x, y, distance, normal, point_a))
         if x.size == y.size == 1:  # exact, also where coal returns no direction
-            open_ = ~(most >= self.margin_m + SLACK_M)
-        open_ &= self._concerned(todo, x.size, y.size)
-        self._forbid(todo, open_ & (most < self.margin_m + max(SLACK_M, DOUBT * self.margin_m)))
+            open_ = ~(upper_m >= self.margin_m + SLACK_M)
+        open_ &= self._must_separate(todo, x.size, y.size)
+        self._forbid(todo, open_ & (upper_m < self.margin_m + max(SLACK_M, FORBID_TOLERANCE * self.margin_m)))
         open_ &= ~self._cells(todo, x, y)
-        return _parts(todo, open_, least + most, x, y)
+        return _parts(todo, open_, lower_m + upper_m, x, y)
 
     def _carried_m(
         self, todo: Indices, x: Blocks, y: Blocks, distance: Floats, normal: Floats, point_a: Floats
@@ -326,16 +356,20 @@ class _Diagram:
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
         inside = np.minimum(distance, 0)[:, None] / 2  # for an overlap: a point of both pieces
-        points_a = x.carry(i, r, point_a + inside * normal)
-        points_b = y.carry(j, c, point_a + (distance[:, None] - inside) * normal)
-        return _apart_m(points_a, points_b) - x.need_m[i, r][:, :, None] - y.need_m[j, c][:, None]
+        points_a = x.carried_points(i, r, point_a + inside * normal)
+        points_b = y.carried_points(j, c, point_a + (distance[:, None] - inside) * normal)
+        return (
+            _point_distances_m(points_a, points_b)
+            - x.added_motion_m[i, r][:, :, None]
+            - y.added_motion_m[j, c][:, None]
+        )
 
     def _cells(self, todo: Indices, x: Blocks, y: Blocks) -> Mask:
         """Mask (M, S, S) of the cells of the blocks that are forbidden so far."""
         blocks = self.forbidden.reshape(-1, x.size, self.forbidden.shape[1] // y.size, y.size)
         return blocks[todo[:, 1], :, todo[:, 2]]
 
-    def _concerned(self, todo: Indices, height: int, width: int) -> Mask:
+    def _must_separate(self, todo: Indices, height: int, width: int) -> Mask:
         """Mask (M, height, width) of the cells of blocks in which their pair of pieces must keep apart."""
         pair, r, c = todo.T
         rows = self.rows.reshape(len(self.rows), -1, height)[pair, r]
@@ -361,7 +395,7 @@ def _parts(todo: Indices, open_: Mask, gap: Floats, x: Blocks, y: Blocks) -> Par
     return np.stack([pair, r * x.parts + row, c * y.parts + column], axis=1), gaps[k, row, column]
 
 
-def _apart_m(a: Floats, b: Floats) -> Floats:
+def _point_distances_m(a: Floats, b: Floats) -> Floats:
     """Distances (M, S, S) of points (M, 3, S)."""
     origin = a[:, :, :1]
     a, b = a - origin, b - origin

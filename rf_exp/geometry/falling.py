@@ -9,7 +9,7 @@ from rf_exp.transforms import Matrix, apply
 from rf_exp.types import Subgoal
 
 
-def fallen(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matrix]) -> Matrix:
+def pose_after_drop(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matrix]) -> Matrix:
     """world_from_object (4, 4) of the object that a subgoal releases at a pose, after its fall.
 
     The pose itself unless the subgoal drops the object into another one, with its pose in `poses`, that is
@@ -18,7 +18,7 @@ def fallen(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matri
     name, target = subgoal.object or "", subgoal.target or ""
     if subgoal.verb != "place" or target not in task.objects:
         return pose
-    placing = task.asset(target).placing
+    placing = task.asset(target).placement_points
     point = placing.get(subgoal.target_point or next(iter(placing), ""))
     if point is None or point.kind != "drop":
         return pose
@@ -28,6 +28,6 @@ def fallen(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matri
     if not below:
         return pose
     floor_m = max(float(part[:, 2].max()) for part in below)
-    rests = pose.copy()
-    rests[2, 3] -= max(0.0, float(task.asset(name).vertices(pose)[:, 2].min()) - floor_m)
-    return rests
+    rest_pose = pose.copy()
+    rest_pose[2, 3] -= max(0.0, float(task.asset(name).vertices(pose)[:, 2].min()) - floor_m)
+    return rest_pose

@@ -34,7 +34,7 @@ def voxels(body: Swept, position: int = 0, voxel_m: float = VOXEL_M) -> Voxels:
     """Voxels (K, 3) of a body at one path position, unique, in lexical order."""
     placed = zip(body.pieces, body.poses[position], strict=True)
     filled = [_keys(fill(piece, pose, voxel_m)) for piece, pose in placed]
-    return _of_keys(np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *filled])))
+    return _from_keys(np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *filled])))
 
 
 def centres_m(occupied: Voxels) -> NDArray[np.float64]:
@@ -44,15 +44,15 @@ def centres_m(occupied: Voxels) -> NDArray[np.float64]:
 
 def shared(a: Voxels, b: Voxels) -> Voxels:
     """Voxels (K, 3) that are in both, unique, in lexical order."""
-    return _of_keys(np.intersect1d(_keys(a), _keys(b)))
+    return _from_keys(np.intersect1d(_keys(a), _keys(b)))
 
 
-def among(occupied: Voxels, others: Voxels) -> Mask:
+def contained_in(occupied: Voxels, others: Voxels) -> Mask:
     """Mask (K,), True for voxels that are also in `others` (L, 3)."""
     return np.isin(_keys(occupied), _keys(others))
 
 
-def beside(occupied: Voxels, body: Swept, margin_m: float) -> Mask:
+def within_margin(occupied: Voxels, body: Swept, margin_m: float) -> Mask:
     """Mask (K,), True for voxels closer than a margin to a body at its first path position.
 
     As in `fill`, only faces and bounding boxes are tested, so at edges the margin is slightly larger.
@@ -61,11 +61,11 @@ def beside(occupied: Voxels, body: Swept, margin_m: float) -> Mask:
     low, high = occupied * VOXEL_M - margin_m, (occupied + 1) * VOXEL_M + margin_m
     for piece, pose in zip(body.pieces, body.poses[0], strict=True):
         vertices = apply(pose, piece.vertices)
-        meets = ((vertices.max(axis=0) >= low) & (vertices.min(axis=0) <= high)).all(axis=1)
+        close = ((vertices.max(axis=0) >= low) & (vertices.min(axis=0) <= high)).all(axis=1)
         normals, offsets = _faces(piece, pose)
         reach = np.abs(normals).sum(axis=1) * VOXEL_M / 2 + margin_m
-        meets[meets] = (centres_m(occupied[meets]) @ normals.T + offsets <= reach).all(axis=1)
-        near |= meets
+        close[close] = (centres_m(occupied[close]) @ normals.T + offsets <= reach).all(axis=1)
+        near |= close
     return near
 
 
@@ -81,6 +81,6 @@ def _keys(occupied: Voxels) -> NDArray[np.int64]:
     return (x * SPAN + y) * SPAN + z
 
 
-def _of_keys(keys: NDArray[np.int64]) -> Voxels:
+def _from_keys(keys: NDArray[np.int64]) -> Voxels:
     xy, z = np.divmod(keys, SPAN)
     return np.column_stack([*np.divmod(xy, SPAN), z]) - HALF_SPAN

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.geometry.clearance import Nearest, nearest
-from rf_exp.geometry.falling import fallen
+from rf_exp.geometry.falling import pose_after_drop
 from rf_exp.geometry.swept import Mask, Swept, arm_pieces, asset_pieces, lowest_m
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset
@@ -22,7 +22,7 @@ from rf_exp.types import FINGERS, Scene, Segment, Trajectory, arm_of, fingers_of
 AGENT_MARGIN_M = 0.01  # between two arms: tracking errors of both
 OBJECT_MARGIN_M = 0.003  # between an arm and objects that it may not touch
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
-RESTS_M = 0.005  # objects closer than this lie on or against one another
+RESTING_GAP_M = 0.005  # objects closer than this lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
 
 
@@ -33,11 +33,11 @@ class PlanningScene:
         self.task, self.scene = task, scene
         self.arms = tuple(task.arms.values())
         self.trajectories = {trajectory.agent: trajectory for trajectory in trajectories}
-        moved = {segment.attached for each in trajectories for segment in each.segments}
+        moved = {segment.attached for trajectory in trajectories for segment in trajectory.segments}
         self.moved = frozenset(name for name in moved if name)
         unknown = self.moved - set(task.objects)
         if unknown:
-            raise choices("attached object", min(unknown), task.objects)
+            raise unknown_choice("attached object", min(unknown), task.objects)
 
     # bodies
 
@@ -95,14 +95,14 @@ class PlanningScene:
                 if segment.attached != name:
                     continue
                 if not mask.any():  # pose in the scene, or where another agent has put it
-                    pushed = segment.opened_rad is not None
+                    pushed = segment.hinge_rad is not None
                     poses[:] = self.scene.poses[name] if pushed else self.attached(segment, tcp[begin])
                 mask[begin : end + 1] = True
                 poses[begin + 1 : end + 1] = self.attached(segment, tcp[begin + 1 : end + 1])
                 poses[end:] = poses[end]
                 # It falls when the fingers are open, and counts as carried until then.
                 opened = next((knot for knot in trajectory.knots if knot > end), len(poses))
-                poses[opened:] = fallen(self.task, segment.subgoal, poses[end], self.scene.poses)
+                poses[opened:] = pose_after_drop(self.task, segment.subgoal, poses[end], self.scene.poses)
             moved[name], carried[name] = poses, mask
         touches = self._during(trajectory, lambda segment: segment.touches | {segment.attached})
         holds = dict(carried)
@@ -121,11 +121,11 @@ class PlanningScene:
     ) -> NDArray[np.float64]:
         """world_from_object (..., 4, 4) of the object that a segment moves, for TCP poses (..., 4, 4).
 
-        `rows` are the corresponding rows of `opened_rad`. Raises ArgumentError for a segment without
+        `rows` are the corresponding rows of `hinge_rad`. Raises ArgumentError for a segment without
         `tcp_from_object`.
         """
-        if segment.attached is not None and segment.opened_rad is not None:
-            return self.task.hung(segment.attached, self.scene.poses, segment.opened_rad[rows])
+        if segment.attached is not None and segment.hinge_rad is not None:
+            return self.task.hinged_poses(segment.attached, self.scene.poses, segment.hinge_rad[rows])
         if segment.tcp_from_object is None:
             raise ArgumentError(
                 f"agent {segment.agent}, segment {segment.primitive!r} has {segment.attached!r} attached, "
@@ -133,14 +133,14 @@ class PlanningScene:
             )
         return tcp @ segment.tcp_from_object
 
-    def standing(self, names: Iterable[str] | None = None) -> Swept:
+    def static_objects(self, names: Iterable[str] | None = None) -> Swept:
         """Objects at their poses in the scene (P = 1); by default clutter and objects that no agent moves."""
         if names is None:
             names = [name for name in (*self.task.objects, *self.task.clutter) if name not in self.moved]
-        found = [(piece, name) for name in names for piece in asset_pieces(self._asset(name))]
-        poses = np.array([self._pose(name) for _, name in found]).reshape(1, -1, 4, 4)
-        labels = tuple(name for _, name in found)
-        return Swept(tuple(piece for piece, _ in found), labels, poses, objects=frozenset(labels))
+        labelled_pieces = [(piece, name) for name in names for piece in asset_pieces(self._asset(name))]
+        poses = np.array([self._pose(name) for _, name in labelled_pieces]).reshape(1, -1, 4, 4)
+        labels = tuple(name for _, name in labelled_pieces)
+        return Swept(tuple(piece for piece, _ in labelled_pieces), labels, poses, objects=frozenset(labels))
 
     # questions
 
@@ -163,7 +163,7 @@ class PlanningScene:
 
     def _asset(self, name: str) -> Asset:
         if name not in self.task.objects and name not in self.task.clutter:
-            raise choices("object", name, self.task.objects)
+            raise unknown_choice("object", name, self.task.objects)
         return self.task.asset(name)
 
     @cached_property
@@ -199,14 +199,14 @@ class PlanningScene:
     ) -> Swept:
         robot, mounted = self.arms[agent - 1].robot, self.task.robots[agent - 1].mounted
         pieces, labels, poses = [*arm_pieces(robot)], [*robot.links], [links]
-        things = [(name, self._asset(name), along) for name, along in moved.items()]
+        attachments = [(name, self._asset(name), object_poses) for name, object_poses in moved.items()]
         if mounted:
-            things.insert(0, (robot.hand.link, mounted, links[:, robot.links.index(robot.hand.link)]))
-        for label, asset, along in things:
+            attachments.insert(0, (robot.hand.link, mounted, links[:, robot.links.index(robot.hand.link)]))
+        for label, asset, object_poses in attachments:
             for piece in asset_pieces(asset):
                 pieces.append(piece)
                 labels.append(label)
-                poses.append(along[:, None])
+                poses.append(object_poses[:, None])
         return Swept(
             tuple(pieces),
             tuple(labels),
@@ -219,20 +219,20 @@ class PlanningScene:
 
     def _during(self, trajectory: Trajectory, names: Callable[[Segment], Set[str | None]]) -> dict[str, Mask]:
         """Object -> (P,) True in segments whose `names` include it; a knot belongs to both segments."""
-        found = {name: np.zeros(len(trajectory) + 1, dtype=bool) for name in self.task.objects}
+        masks = {name: np.zeros(len(trajectory) + 1, dtype=bool) for name in self.task.objects}
         for segment, begin, end in trajectory.intervals:
-            for name in found.keys() & names(segment):
-                found[name][begin : end + 1] = True
-        return found
+            for name in masks.keys() & names(segment):
+                masks[name][begin : end + 1] = True
+        return masks
 
     def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Opening (P,) of each finger; never less than the real one while the fingers close."""
         hand = self.arms[trajectory.agent - 1].robot.hand
         opening = hand.opening_m(gripper_of(trajectory.path()))
         for segment, begin, end in trajectory.intervals:
-            if segment.gripped:
+            if segment.grasped_object:
                 rows = slice(begin + 1, end + 1)
-                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.gripped))
+                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.grasped_object))
         opening[0] = max(opening[0], float(fingers_of(self.scene.qpos[trajectory.agent - 1]).max()))
         return maximum_filter1d(opening, CLOSING_STEPS + 1, origin=CLOSING_STEPS // 2, mode="nearest")
 
@@ -258,19 +258,19 @@ class PlanningScene:
 
         A lid may scrape the pot during the segment that lifts it off, a cube the cube that it is placed on.
         """
-        rests = self._during(trajectory, lambda segment: segment.touches)
+        contacts = self._during(trajectory, lambda segment: segment.touches)
         knots = np.array(trajectory.knots)
         for name, poses in moved.items():
             # Objects that agents move may be gone by then; if one is the target, the segment names it.
             others = [other for other in self.task.objects if other != name and other not in self.moved]
-            places = np.flatnonzero(carried[name])
-            thing, mask = self.standing([name]), {name: np.ones(1, dtype=bool)}
-            for first, position in ((True, int(places[0])), (False, int(places[-1]))):
+            carried_positions = np.flatnonzero(carried[name])
+            body, mask = self.static_objects([name]), {name: np.ones(1, dtype=bool)}
+            for first, position in ((True, int(carried_positions[0])), (False, int(carried_positions[-1]))):
                 end = knots[knots > position].min() if first else position
                 begin = position if first else knots[knots < position].max()
-                there = np.tile(poses[position], (1, len(thing.pieces), 1, 1))
-                here = replace(thing, poses=there, carried=mask)
+                poses_there = np.tile(poses[position], (1, len(body.pieces), 1, 1))
+                body_there = replace(body, poses=poses_there, carried=mask)
                 for other in others:
-                    if nearest(here, self.standing([other])).distance_m < RESTS_M:
-                        rests[other][begin : end + 1] = True
-        return rests
+                    if nearest(body_there, self.static_objects([other])).distance_m < RESTING_GAP_M:
+                        contacts[other][begin : end + 1] = True
+        return contacts

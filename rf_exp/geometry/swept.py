@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull
 
 from rf_exp.robots import Robot
 from rf_exp.tasks.assets import Asset
-from rf_exp.transforms import placed
+from rf_exp.transforms import transform_by_poses
 
 COVER_RADIUS_M = 0.06  # spheres of a cover are split until they are smaller than this
 COVER_SPHERES = 8  # or until there are this many
@@ -183,12 +183,12 @@ class Swept:
     @cached_property
     def core(self) -> NDArray[np.float64]:
         """Centres (L, 3, P, K) of the inner spheres of the pieces."""
-        return self._moved(np.array([piece.core[:, :3] for piece in self.pieces]))
+        return self._along_path(np.array([piece.core[:, :3] for piece in self.pieces]))
 
     @cached_property
     def step_m(self) -> NDArray[np.float64]:
         """Bound (P - 1, L) on how far any point of a piece moves from one position to the next."""
-        step = np.diff(self._moved(np.array([piece.corners for piece in self.pieces])), axis=2)
+        step = np.diff(self._along_path(np.array([piece.corners for piece in self.pieces])), axis=2)
         return np.sqrt(np.max(np.sum(step**2, axis=1), axis=-1)).T
 
     @cached_property
@@ -212,42 +212,42 @@ class Swept:
 
     def only(self, *names: str) -> "Swept":
         """The pieces with these labels."""
-        of = [k for k, label in enumerate(self.labels) if label in names]
-        pieces, labels = tuple(self.pieces[k] for k in of), tuple(self.labels[k] for k in of)
-        return replace(self, pieces=pieces, labels=labels, poses=self.poses[:, of])
+        indices = [k for k, label in enumerate(self.labels) if label in names]
+        pieces, labels = tuple(self.pieces[k] for k in indices), tuple(self.labels[k] for k in indices)
+        return replace(self, pieces=pieces, labels=labels, poses=self.poses[:, indices])
 
-    def _moved(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _along_path(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions (L, 3, P, K) of points (L, K, 3) of the pieces along the path."""
         turned = self.by_row[..., :3].reshape(len(points), -1, 3) @ points.swapaxes(1, 2)
         return turned.reshape(*self.by_row.shape[:3], -1) + self.by_row[..., 3:]
 
     @cached_property
-    def _placed(self) -> "_Placed":
-        return _Placed(self.poses)
+    def _coal_transforms(self) -> "_CoalTransforms":
+        return _CoalTransforms(self.poses)
 
     @cached_property
-    def _cuts(self) -> dict[tuple[int, bool], "Blocks"]:
+    def _blocks(self) -> dict[tuple[int, bool], "Blocks"]:
         return {}
 
     def blocks(self, size: int, between: bool) -> "Blocks":
         """The positions in blocks of a size (a power of two); a single position is a block of size one."""
         key = size if len(self) > 1 else 1, between
-        if key not in self._cuts:
-            self._cuts[key] = Blocks(self, *key)
-        return self._cuts[key]
+        if key not in self._blocks:
+            self._blocks[key] = Blocks(self, *key)
+        return self._blocks[key]
 
-    def placed(self, position: int, piece: int) -> coal.Transform3s:
+    def coal_transform(self, position: int, piece: int) -> coal.Transform3s:
         """coal's transform of a piece."""
-        return self._placed[position * len(self.pieces) + piece]
+        return self._coal_transforms[position * len(self.pieces) + piece]
 
     def shapes(self, positions: Indices, pieces: Indices) -> tuple[list[coal.Convex], list[coal.Transform3s]]:
         """coal's shapes and transforms of pieces (M,)."""
         shapes = [piece.shape for piece in self.pieces]
         keys = (positions * len(shapes) + pieces).tolist()
-        return [shapes[piece] for piece in pieces.tolist()], [self._placed[key] for key in keys]
+        return [shapes[piece] for piece in pieces.tolist()], [self._coal_transforms[key] for key in keys]
 
 
-def joined(bodies: Sequence[Swept]) -> Swept:
+def merged(bodies: Sequence[Swept]) -> Swept:
     """One body of several with equal numbers of positions: arms without loads, or static objects."""
     return Swept(
         tuple(piece for body in bodies for piece in body.pieces),
@@ -258,7 +258,7 @@ def joined(bodies: Sequence[Swept]) -> Swept:
     )
 
 
-class _Placed(dict[int, coal.Transform3s]):
+class _CoalTransforms(dict[int, coal.Transform3s]):
     """Lazy coal transforms of poses (P, L, 4, 4), by flat index over P x L."""
 
     def __init__(self, poses: NDArray[np.float64]) -> None:
@@ -267,8 +267,8 @@ class _Placed(dict[int, coal.Transform3s]):
 
     def __missing__(self, key: int) -> coal.Transform3s:
         pose = self._poses[key]
-        found = self[key] = coal.Transform3s(pose[:3, :3], pose[:3, 3])
-        return found
+        placement = self[key] = coal.Transform3s(pose[:3, :3], pose[:3, 3])
+        return placement
 
 
 class Blocks:
@@ -282,9 +282,9 @@ class Blocks:
         begin = np.arange(0, len(body), size)
         self.rows = np.minimum(begin[:, None] + np.arange(size), len(body) - 1)  # (B, S)
         self.middle = (self.rows[:, 0] + self.rows[:, -1]) // 2
-        self.need_m = self._spread(body.stride_m / 2 if between else np.zeros_like(body.stride_m))
+        self.added_motion_m = self._spread(body.stride_m / 2 if between else np.zeros_like(body.stride_m))
         # (L, B, bounds) largest travel of a piece from the middle, less the motion added by `between`
-        self.surplus_m = self._most(np.abs(self._since_middle(body.travelled_m)) - self.need_m)
+        self.surplus_m = self._largest(np.abs(self._since_middle(body.travelled_m)) - self.added_motion_m)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -298,21 +298,21 @@ class Blocks:
     def reach_m(self) -> NDArray[np.float64]:
         """Radii (B, L) of spheres around the volume that a piece sweeps in a block, with the added motion."""
         away = np.linalg.norm(self.body.centres[self.rows] - self.centres[:, None], axis=-1).max(axis=1)
-        return away + self.body.radii_m + self.need_m.max(axis=2).T
+        return away + self.body.radii_m + self.added_motion_m.max(axis=2).T
 
     @cached_property
     def cover(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centres (B, L, K, 3) and radii (L, K) of the sphere covers, in the middles of the blocks."""
         local = np.array([piece.cover for piece in self.body.pieces])
-        return placed(self.body.poses[self.middle], local[..., :3]), local[..., 3]
+        return transform_by_poses(self.body.poses[self.middle], local[..., :3]), local[..., 3]
 
     @cached_property
-    def _sway(self) -> Floats:
+    def _motion_bounds(self) -> Floats:
         """Shift of the centre from the middle, and bound on further motion of points: (L, B, S, 3 + 1)."""
-        way = np.concatenate([self.body.centres, self.body.turned_m[..., None]], axis=2)
-        sway = self._since_middle(way)
-        sway[..., 3] = np.abs(sway[..., 3]) + self.need_m
-        return sway
+        motion = np.concatenate([self.body.centres, self.body.turned_m[..., None]], axis=2)
+        bounds = self._since_middle(motion)
+        bounds[..., 3] = np.abs(bounds[..., 3]) + self.added_motion_m
+        return bounds
 
     @cached_property
     def core(self) -> Floats:
@@ -344,15 +344,15 @@ class Blocks:
         middle = np.moveaxis(values[self.middle], 1, 0)[:, :, None]
         return self._spread(values) - middle.astype(np.float32)
 
-    def _most(self, values: Floats) -> Floats:
+    def _largest(self, values: Floats) -> Floats:
         """The largest values per bound: (..., S) to (..., bounds)."""
         return values if self.fine else values.reshape(*values.shape[:-1], self.bounds, -1).max(axis=-1)
 
-    def advance_m(self, piece: Indices, block: Indices, normal: Floats) -> Floats:
+    def approach_bound_m(self, piece: Indices, block: Indices, normal: Floats) -> Floats:
         """Bounds (M, bounds) on the motion of pieces along normals (M, 3), with the added motion."""
-        return self._most((self._sway[piece, block] @ _with_ones(normal))[..., 0])
+        return self._largest((self._motion_bounds[piece, block] @ _with_ones(normal))[..., 0])
 
-    def carry(self, piece: Indices, block: Indices, point: Floats) -> Floats:
+    def carried_points(self, piece: Indices, block: Indices, point: Floats) -> Floats:
         """Positions (M, 3, S), over the blocks, of world points (M, 3) fixed to pieces in the middles."""
         poses = self._by_row[piece, block]  # (M, 3, S, 4)
         middle = self.body.poses[self.middle[block], piece]

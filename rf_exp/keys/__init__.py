@@ -3,8 +3,15 @@
 An unknown key would be ignored, so it is refused, with the nearest known one.
 """
 
-from rf_exp.keys.arguments import arranged, checked_folder
-from rf_exp.keys.refusal import RENAMED, not_among_files, refuse_unknown_keys
-from rf_exp.keys.told import keys_told
+from rf_exp.keys.arguments import checked_arguments, checked_folder
+from rf_exp.keys.help import keys_help
+from rf_exp.keys.refusal import RENAMED, refuse_unknown_keys, unknown_key_message
 
-__all__ = ["RENAMED", "arranged", "checked_folder", "keys_told", "not_among_files", "refuse_unknown_keys"]
+__all__ = [
+    "RENAMED",
+    "checked_arguments",
+    "checked_folder",
+    "keys_help",
+    "refuse_unknown_keys",
+    "unknown_key_message",
+]

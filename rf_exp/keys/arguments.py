@@ -12,47 +12,54 @@ from hydra.errors import HydraException
 from rf_exp.errors import ArgumentError
 from rf_exp.installed import CONF
 
-WAYS = {"run": "--run", "multirun": "--multirun", "cfg": "--cfg", "info": "--info"}  # mutually exclusive
+EXCLUSIVE_FLAGS = {
+    "run": "--run",
+    "multirun": "--multirun",
+    "cfg": "--cfg",
+    "info": "--info",
+}  # mutually exclusive
 
-HOME = "in the place of ~ the shell has not put your home; write $HOME"
+TILDE_HINT = "in the place of ~ the shell has not put your home; write $HOME"
 
 
-def arranged(arguments: Sequence[str]) -> list[str]:
+def checked_arguments(arguments: Sequence[str]) -> list[str]:
     """The arguments with Hydra's flags first. Raises ArgumentError for flags and values it cannot take."""
     parser = get_args_parser()
     parser.error = _refuse_flags  # pyright: ignore[reportAttributeAccessIssue]
-    given = parser.parse_intermixed_args(list(arguments))
-    if given.shell_completion:  # its arguments come from the shell
+    parsed = parser.parse_intermixed_args(list(arguments))
+    if parsed.shell_completion:  # its arguments come from the shell
         return list(arguments)
-    ways = [flag for name, flag in WAYS.items() if getattr(given, name)]
-    if len(ways) > 1:
-        _refuse_flags(f"{' and '.join(ways)} are given, which are two ways to go; leave one of them out")
-    if given.resolve and not given.cfg and not given.help:
+    exclusive = [flag for name, flag in EXCLUSIVE_FLAGS.items() if getattr(parsed, name)]
+    if len(exclusive) > 1:
+        _refuse_flags(f"{' and '.join(exclusive)} are given, which are two ways to go; leave one of them out")
+    if parsed.resolve and not parsed.cfg and not parsed.help:
         _refuse_flags("--resolve is given, which goes with --cfg")
-    if given.experimental_rerun:
+    if parsed.experimental_rerun:
         raise ArgumentError(
             "--experimental-rerun reads a pickle, which could run any code; what was said of a job is in "
             "runs/*/*/.hydra/overrides.yaml, to be said again"
         )
-    for override in given.overrides:
-        _check(override)
-    rest = list(given.overrides)
-    flags = [word for word in arguments if not (rest and word == rest[0] and rest.pop(0))]
-    return flags + given.overrides
+    for override in parsed.overrides:
+        _check_override(override)
+    pending = list(parsed.overrides)
+    flags = [word for word in arguments if not (pending and word == pending[0] and pending.pop(0))]
+    return flags + parsed.overrides
 
 
 def checked_folder(value: object) -> str:
     """The folder as given. Raises ArgumentError for a value that would make an unintended folder."""
     if not isinstance(value, str) or not value.strip():
         raise ArgumentError(f"out is {value!r}; expected the name of a folder, in quotes if it is a number")
-    for wrong, why in (
-        (value.startswith("~") and "~", HOME),
+    for culprit, why in (
+        (value.startswith("~") and "~", TILDE_HINT),
         ("$" in value and "$", "the shell puts a variable there only outside of single quotes"),
         (os.sep != "\\" and "\\" in value and "\\", "folders are separated by /"),
         (next((letter for letter in value if not letter.isprintable()), False), "it cannot be seen"),
     ):
-        if wrong:
-            raise ArgumentError(f"out is {value!r}, and {wrong!r} would be part of the folder's name; {why}")
+        if culprit:
+            raise ArgumentError(
+                f"out is {value!r}, and {culprit!r} would be part of the folder's name; {why}"
+            )
     return value
 
 
@@ -60,10 +67,10 @@ def _refuse_flags(message: str) -> NoReturn:
     raise ArgumentError(f"{message}; --hydra-help says which flags there are")
 
 
-def _check(override: str) -> None:
+def _check_override(override: str) -> None:
     """Raises ArgumentError for an override outside of Hydra's grammar, with how to write it."""
-    key, given, value = override.partition("=")
-    error = _wrong(override)
+    key, equals, value = override.partition("=")
+    error = _grammar_error(override)
     if error is None and key.lstrip("+~"):
         if value == "null" and (CONF / key).is_dir():
             raise ArgumentError(
@@ -75,31 +82,33 @@ def _check(override: str) -> None:
             f"{override!r} ends with a carriage return, as the lines of a script do that was written on "
             "Windows; save it with the ends of lines of Unix"
         )
-    if not key.lstrip("+~") or not (given or key.startswith("~")):
+    if not key.lstrip("+~") or not (equals or key.startswith("~")):
         raise ArgumentError(f"{override!r} is not understood; expected key=value, or a flag such as --help")
     if value.startswith("~"):
-        raise ArgumentError(f"{override!r} is not understood: {HOME}")
+        raise ArgumentError(f"{override!r} is not understood: {TILDE_HINT}")
     if value.startswith(("[", "{")):
         raise ArgumentError(
             f"{override!r} is not understood; expected a list as in '{key}=[a, b]', or a mapping as in "
             f"'{key}={{a: 1, b: 2}}', in quotes for the shell where spaces are in it ({error})"
         )
-    if (blank := next((letter for letter in value if letter.isspace() and letter != " "), None)) is not None:
+    if (
+        whitespace := next((letter for letter in value if letter.isspace() and letter != " "), None)
+    ) is not None:
         raise ArgumentError(
-            f"{override!r} is not understood: {blank!r} looks like a space and is none; write one, in "
+            f"{override!r} is not understood: {whitespace!r} looks like a space and is none; write one, in "
             "quotes that the shell leaves, or nothing"
         )
-    strange = next((letter for letter in value if _wrong(f"{key}=a{letter}a") is not None), None)
+    special = next((letter for letter in value if _grammar_error(f"{key}=a{letter}a") is not None), None)
     quoted = f'{key}="{value}"' if '"' not in value else f"{key}='{value}'"
-    if strange is None or _wrong(quoted) is not None:
+    if special is None or _grammar_error(quoted) is not None:
         raise ArgumentError(f"{override!r} is not understood ({error})")
     raise ArgumentError(
-        f"{override!r} is not understood: {strange!r} needs quotes that the shell leaves, "
+        f"{override!r} is not understood: {special!r} needs quotes that the shell leaves, "
         f"as in {shlex.quote(quoted)}"
     )
 
 
-def _wrong(override: str) -> str | None:
+def _grammar_error(override: str) -> str | None:
     """Hydra's error about an override, in one line; None if there is none."""
     try:
         OverridesParser.create().parse_override(override)

@@ -3,7 +3,7 @@
 The engine decides when and where a job runs.
 """
 
-from rf_exp.launch.engines import HERE, Launch
+from rf_exp.launch.engines import LOCAL, Launch
 from rf_exp.launch.running import results
 
-__all__ = ["HERE", "Launch", "results"]
+__all__ = ["LOCAL", "Launch", "results"]

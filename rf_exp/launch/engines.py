@@ -15,13 +15,13 @@ from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, Protocol
 
-from rf_exp.errors import ArgumentError, StageError, choices, portable
+from rf_exp.errors import ArgumentError, StageError, picklable_error, unknown_choice
 from rf_exp.processes import end_with_parent
 from rf_exp.progress import console
 
-HERE = "processes"  # of this machine, without an engine
+LOCAL = "processes"  # of this machine, without an engine
 IDLE_S = 300  # an idle process of loky ends after this time
-NOT_OPTIONS = {"self", "func", "args", "kwargs", "key", "pure"}  # parameters of Dask's Client.submit
+RESERVED_PARAMETERS = {"self", "func", "args", "kwargs", "key", "pure"}  # parameters of Dask's Client.submit
 TIMEOUT_MIN = 240  # of a job of submitit, unless options set it; submitit's default is 5
 
 Job = Callable[[], Any]
@@ -51,7 +51,7 @@ class Engine(NamedTuple):
 
 
 ENGINES = {
-    HERE: Engine(),
+    LOCAL: Engine(),
     "loky": Engine("joblib"),
     "dask": Engine("distributed", "tcp://HOST:8786, or the file of the scheduler", True),
     "ray": Engine("ray", "HOST:6379, or auto for a cluster that has a node on this machine", True),
@@ -74,48 +74,50 @@ class Launch:
             if (value := getattr(self, key)) <= 0:
                 raise ArgumentError(f"launch.{key} is {value}; it must be positive")
         if self.engine not in ENGINES:
-            raise choices("launch.engine", self.engine, ENGINES)
-        needs = ENGINES[self.engine]
+            raise unknown_choice("launch.engine", self.engine, ENGINES)
+        requirements = ENGINES[self.engine]
         for key in ("address", "options"):
-            if getattr(self, key) and not needs.address:
+            if getattr(self, key) and not requirements.address:
                 raise ArgumentError(f"launch.{key} is given, and launch.engine={self.engine} has none")
-        if needs.address and not self.address:
-            raise ArgumentError(f"launch.engine={self.engine} needs launch.address: {needs.address}")
-        if needs.package and find_spec(needs.package) is None:
+        if requirements.address and not self.address:
+            raise ArgumentError(f"launch.engine={self.engine} needs launch.address: {requirements.address}")
+        if requirements.package and find_spec(requirements.package) is None:
             raise ArgumentError(
-                f"launch.engine={self.engine} needs {needs.package}, which is not installed; "
+                f"launch.engine={self.engine} needs {requirements.package}, which is not installed; "
                 f"run: pip install 'rf_exp[{self.engine}]'"
             )
 
     @property
-    def said(self) -> str:
+    def label(self) -> str:
         """The engine and its address, for messages."""
         return f"{self.engine} {self.address}" if self.address else self.engine
 
 
-def on_node(job: Job) -> Any:
+def run_on_node(job: Job) -> Any:
     """Runs a job on a worker; returns its result, or its error, which not every engine transports."""
     for name in ("OMP_NUM_THREADS", "LP_NUM_THREADS"):  # one core per job, as jobs run side by side
         os.environ.setdefault(name, "1")
     try:
         return job()
     except Exception as error:
-        return portable(error)
+        return picklable_error(error)
 
 
 @contextmanager
-def on_loky(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
-    """loky: `at_once` processes of this machine; new ones for the next job when some died."""
+def connect_loky(launch: Launch, max_parallel: int, folder: Path) -> Iterator[Submit]:
+    """loky: `max_parallel` processes of this machine; new ones for the next job when some died."""
     from joblib.externals.loky import get_reusable_executor
 
-    executor = partial(get_reusable_executor, max_workers=at_once, timeout=IDLE_S, initializer=_begin)
+    executor = partial(
+        get_reusable_executor, max_workers=max_parallel, timeout=IDLE_S, initializer=_init_worker
+    )
     try:
-        yield lambda job: executor().submit(on_node, job)
+        yield lambda job: executor().submit(run_on_node, job)
     finally:
         executor().shutdown(wait=True, kill_workers=True)
 
 
-def _begin() -> None:
+def _init_worker() -> None:
     """Initialises a process: its parent prints and handles Ctrl-C."""
     end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -123,21 +125,21 @@ def _begin() -> None:
 
 
 @contextmanager
-def on_dask(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+def connect_dask(launch: Launch, max_parallel: int, folder: Path) -> Iterator[Submit]:
     """Dask: a scheduler and its workers on any machines; certificates come from Dask's own configuration."""
     from distributed import Client
 
-    options, possible = launch.options or {}, signature(Client.submit).parameters.keys() - NOT_OPTIONS
-    for name in options.keys() - possible:
-        raise choices("launch.options", name, possible)
+    options, known = launch.options or {}, signature(Client.submit).parameters.keys() - RESERVED_PARAMETERS
+    for name in options.keys() - known:
+        raise unknown_choice("launch.options", name, known)
     address = str(launch.address)
-    where: dict[str, Any] = {"address": address}
+    server: dict[str, Any] = {"address": address}
     if address.endswith(".json"):
         if not Path(address).is_file():
             raise StageError(f"launch.address={address}: no such file; Dask's scheduler writes it")
-        where = {"scheduler_file": address}
+        server = {"scheduler_file": address}
     try:
-        client = Client(**where, timeout=launch.connect_s, set_as_default=False)
+        client = Client(**server, timeout=launch.connect_s, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:  # also for invalid addresses and certificates
         raise StageError(
             f"launch.address={address}: no scheduler of Dask answers within {launch.connect_s:g} s "
@@ -158,11 +160,11 @@ def _with_children(job: Job) -> Any:
     # Dask's nanny makes its workers daemonic, and such processes may have no children. Our child, the process
     # that gives a seed its time limit, ends with the worker.
     current_process()._config["daemon"] = False  # pyright: ignore
-    return on_node(job)
+    return run_on_node(job)
 
 
 @contextmanager
-def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+def connect_ray(launch: Launch, max_parallel: int, folder: Path) -> Iterator[Submit]:
     """Ray: a cluster whose nodes declare their cores; each job takes one."""
     import ray
     from ray.exceptions import RayError
@@ -189,7 +191,7 @@ def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
             raise StageError(
                 f"launch.address={address}: no head of Ray answers within {launch.connect_s:g} s ({error})"
             ) from error
-    told = signal.getsignal(signal.SIGTERM)
+    handler = signal.getsignal(signal.SIGTERM)
     try:
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (RayError, RuntimeError, ConnectionError, ValueError) as error:
@@ -198,10 +200,10 @@ def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
             "RAY_AUTH_MODE=token here too, and RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token)"
         ) from error
     finally:
-        signal.signal(signal.SIGTERM, told)  # Ray sets a handler of its own
+        signal.signal(signal.SIGTERM, handler)  # Ray sets a handler of its own
     try:
         try:  # running.py retries after a worker's death, for all engines
-            remote = ray.remote(**{"num_cpus": 1, "max_retries": 0, **(launch.options or {})})(on_node)
+            remote = ray.remote(**{"num_cpus": 1, "max_retries": 0, **(launch.options or {})})(run_on_node)
         except (ValueError, TypeError) as error:
             raise ArgumentError(f"launch.options, of ray.remote: {error}") from error
         yield lambda job: Remote(remote.remote(job))
@@ -210,7 +212,7 @@ def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
 
 
 @contextmanager
-def on_submitit(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+def connect_submitit(launch: Launch, max_parallel: int, folder: Path) -> Iterator[Submit]:
     """submitit: a Slurm job for each of ours or, with the address `local`, a process of this machine.
 
     Jobs outlive this command if it is killed; if it ends otherwise, it cancels them. Raises ArgumentError
@@ -231,7 +233,7 @@ def on_submitit(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
         if ignored:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
         try:
-            return executor.submit(on_node, job)
+            return executor.submit(run_on_node, job)
         finally:
             if ignored:
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -239,9 +241,9 @@ def on_submitit(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
     yield submit
 
 
-CONNECTED: Mapping[str, Callable[[Launch, int, Path], AbstractContextManager[Submit]]] = {
-    "loky": on_loky,
-    "dask": on_dask,
-    "ray": on_ray,
-    "submitit": on_submitit,
+CONNECTORS: Mapping[str, Callable[[Launch, int, Path], AbstractContextManager[Submit]]] = {
+    "loky": connect_loky,
+    "dask": connect_dask,
+    "ray": connect_ray,
+    "submitit": connect_submitit,
 }

@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.errors import StageError, WorkerDied
-from rf_exp.launch.engines import CONNECTED, ENGINES, Handle, Job, Launch, Submit
+from rf_exp.launch.engines import CONNECTORS, ENGINES, Handle, Job, Launch, Submit
 from rf_exp.processes import Timeout, in_order
 
-TRIES = 3  # at a job whose worker dies
-AHEAD = 4  # jobs, per concurrent one, that may be begun before an earlier one is done
-LOOK_EVERY_S = 0.1
+MAX_TRIES = 3  # at a job whose worker dies
+MAX_AHEAD = 4  # jobs, per concurrent one, that may be begun before an earlier one is done
+POLL_S = 0.1
 
 
-def results(launch: Launch, jobs: Iterable[Job], at_once: int, folder: Path) -> Generator[Any, None, None]:
-    """Yields the results of the jobs in their order; at most `at_once` are submitted at a time.
+def results(
+    launch: Launch, jobs: Iterable[Job], max_parallel: int, folder: Path
+) -> Generator[Any, None, None]:
+    """Yields the results of the jobs in their order; at most `max_parallel` are submitted at a time.
 
     Jobs are pickled, so their functions have to be importable by name. `folder`, on a file system that all
     machines share, is for files of the engine. If the caller stops early, the remaining jobs are cancelled.
@@ -26,43 +28,44 @@ def results(launch: Launch, jobs: Iterable[Job], at_once: int, folder: Path) -> 
     """
     if ENGINES[launch.engine].network:
         # Tried in a process that can be killed: clients wait forever for a server that is no engine.
-        (answer,) = in_order([partial(_ask, launch, folder)], 1, 2 * launch.connect_s)
-        if isinstance(answer, Timeout):
-            raise StageError(
-                f"launch.address={launch.address}: nobody speaks {launch.engine} there: {answer}"
-            )
-    with CONNECTED[launch.engine](launch, at_once, folder) as submit:
+        (probe,) = in_order([partial(_probe, launch, folder)], 1, 2 * launch.connect_s)
+        if isinstance(probe, Timeout):
+            raise StageError(f"launch.address={launch.address}: no {launch.engine} answers there: {probe}")
+    with CONNECTORS[launch.engine](launch, max_parallel, folder) as submit:
         waiting = iter(jobs)
-        begun: deque[_Try] = deque()
+        submitted: deque[_RetriedJob] = deque()
         try:
             while True:
-                while len(begun) < AHEAD * at_once and sum(not each.done() for each in begun) < at_once:
+                while (
+                    len(submitted) < MAX_AHEAD * max_parallel
+                    and sum(not each.done() for each in submitted) < max_parallel
+                ):
                     if (job := next(waiting, None)) is None:
                         break
-                    begun.append(_Try(submit, job))
-                if not begun:
+                    submitted.append(_RetriedJob(submit, job))
+                if not submitted:
                     return
-                if begun[0].done():
-                    yield begun.popleft().result
+                if submitted[0].done():
+                    yield submitted.popleft().result
                 else:
-                    time.sleep(LOOK_EVERY_S)
+                    time.sleep(POLL_S)
         finally:
-            for each in begun:
+            for each in submitted:
                 each.cancel()
 
 
-def _ask(launch: Launch, folder: Path) -> None:
-    with CONNECTED[launch.engine](launch, 1, folder):
+def _probe(launch: Launch, folder: Path) -> None:
+    with CONNECTORS[launch.engine](launch, 1, folder):
         pass
 
 
-class _Try:
+class _RetriedJob:
     """A job submitted to an engine, and again when its worker dies."""
 
     def __init__(self, submit: Submit, job: Job) -> None:
-        self._submit, self._job, self._tries = submit, job, 0
+        self._submit, self._job, self._count = submit, job, 0
         self._handle: Handle | None = None
-        self._give()
+        self._submit_job()
         self.result: Any = None
 
     def done(self) -> bool:
@@ -73,19 +76,19 @@ class _Try:
             result = self._handle.result()
         except Exception as error:  # each engine has many errors of its own
             result = WorkerDied(f"{type(error).__name__}: {error}")
-        if isinstance(result, WorkerDied) and self._tries < TRIES:
-            self._give()
+        if isinstance(result, WorkerDied) and self._count < MAX_TRIES:
+            self._submit_job()
             return False
         self._handle = None
         if isinstance(result, WorkerDied):
-            raise StageError(f"a job has lost its worker {TRIES} times, at last: {result}") from result
+            raise StageError(f"a job has lost its worker {MAX_TRIES} times, at last: {result}") from result
         if isinstance(result, Exception):
             raise result
         self.result = result
         return True
 
-    def _give(self) -> None:
-        self._tries += 1
+    def _submit_job(self) -> None:
+        self._count += 1
         try:
             self._handle = self._submit(self._job)
         except Exception as error:

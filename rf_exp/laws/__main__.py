@@ -13,24 +13,25 @@ import sys
 from omegaconf import DictConfig
 
 from rf_exp import laws
-from rf_exp.command import composed, guarded, settled
+from rf_exp.command import hydra_command, run_guarded, to_plain_config
 from rf_exp.errors import StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
 
 
-@composed("laws")
+@hydra_command("laws")
 def main(config: DictConfig) -> None:
     """Checks every chosen task, one law after the other."""
-    experiment = read_experiment(settled(config))
-    broken = 0
+    experiment = read_experiment(to_plain_config(config))
+    violated = 0
     for task in experiment.tasks:
-        for law, found in laws.judged(task, pictures=experiment.pictures.render):
-            broken += bool(found)
-            console.print(f"{task.name}: {law.says}: {'holds' if not found else '; '.join(found)}")
-    if broken:
-        raise StageError(f"{broken} laws are broken; where is said above")
+        for law, violations in laws.check_task(task, pictures=experiment.pictures.render):
+            violated += bool(violations)
+            verdict = "; ".join(violations) or "holds"
+            console.print(f"{task.name}: {law.sentence}: {verdict}")
+    if violated:
+        raise StageError(f"{violated} laws are broken; where is said above")
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(run_guarded(main))

@@ -8,46 +8,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings, Unreachable, allocated
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Planned, Settings, Unreachable, allocate_jobs
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
-from rf_exp.gallery import play
+from rf_exp.gallery import replay
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, nearest
-from rf_exp.sim import Limited, Simulator
+from rf_exp.sim import CameraSubset, Simulator
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
-from rf_exp.types import ANYBODY, ConstraintSet, Scene
+from rf_exp.types import ANY_AGENT, ConstraintSet, Scene
 
 WIDTH_PX, HEIGHT_PX = 320, 240  # of the checked pictures
-RESTING_M = 5e-4  # largest overlap of objects in contact at the start
-STILL_STEPS, STILL_M_S, STILL_M = 40, 2e-3, 5e-4
+MAX_RESTING_OVERLAP_M = 5e-4  # largest overlap of objects in contact at the start
+REST_STEPS, MAX_REST_SPEED_M_S, MAX_REST_DRIFT_M = 40, 2e-3, 5e-4
 RANDOM_EPISODES, RANDOM_STEPS = 10, 40
 APPROACHES = 5  # per episode: building a scene costs as much as all its steps
-FEWEST_TOUCHES = 20  # least number of approaches that move an object; with fewer they prove nothing
-NEAR_M = 0.03  # standard deviation of random targets about an object
-FLIGHT_STEPS, HIGH_M = 30, 0.04
+MIN_TOUCHES = 20  # least number of approaches that move an object; with fewer they prove nothing
+TARGET_STD_M = 0.03  # standard deviation of random targets about an object
+FLIGHT_STEPS, MIN_FLIGHT_M = 30, 0.04
 THROWS_M_S = ((0.0, 0.0, 2.5), (0.6, 0.6, 1.5), (-0.6, 0.4, 1.5), (0.3, -0.8, 2.0))
-THING_PX, ARM_PX, TABLE_PX = 30, 800, 10_000  # least visible pixels at the start, of 320 x 240
-DIFFERENT_LEVELS = 5  # mean difference of two views, of 255; or else
-OTHER_BODIES = 0.5  # fraction of different bodies, of the pixels in which one view shows more than the table
-GRIPPER_PX, OBJECT_PX = 150, 40  # least visible pixels in the view of an agent at work
+MIN_OBJECT_PX, MIN_ARM_PX, MIN_TABLE_PX = 30, 800, 10_000  # least visible pixels at the start, of 320 x 240
+MIN_DIFFERENCE = 5  # mean difference of two views, of 255; or else
+# fraction of different bodies, of the pixels in which one view shows more than the table
+MIN_OTHER_BODIES = 0.5
+MIN_WORKING_GRIPPER_PX, MIN_WORKED_OBJECT_PX = 150, 40  # least visible pixels in the view of an agent at work
 
-Broken = Iterator[str]
+Violations = Iterator[str]
 
 
 @dataclass(frozen=True)
 class Law:
     """Invariant of a task in simulation: its sentence, and a check that yields violations."""
 
-    says: str
-    broken: Callable[[Simulator], Broken]
+    sentence: str
+    violations: Callable[[Simulator], Violations]
     pictures: bool = False
 
     def __str__(self) -> str:
-        return self.broken.__name__
+        return self.violations.__name__
 
 
-def starts_differ(world: Simulator) -> Broken:
+def starts_differ(world: Simulator) -> Violations:
     task = world.task
     starts = [task.start(seed) for seed in range(100)]
     drawn: dict[str, list[NDArray[np.float64] | float]] = {
@@ -58,58 +59,60 @@ def starts_differ(world: Simulator) -> Broken:
         drawn[f"posture of agent {agent}"] = [start.qpos[agent - 1, :-2] for start in starts]
     for name in task.objects:
         drawn[f"colour of {name}"] = [start.tints[name] for start in starts]
-    for what, values in drawn.items():
+    for factor, values in drawn.items():
         if (count := len({np.asarray(value).round(9).tobytes() for value in values})) < len(starts):
-            yield f"{what}: {count} of {len(starts)}"
+            yield f"{factor}: {count} of {len(starts)}"
 
 
-def nothing_stands_in_anything(world: Simulator) -> Broken:
+def nothing_stands_in_anything(world: Simulator) -> Violations:
     task = world.task
     for seed in range(50):
         scene = task.start(seed).scene
         planning_scene = PlanningScene(task, scene)
-        standing = {name: planning_scene.standing([name]) for name in task.objects if task.asset(name).hulls}
+        solid = [name for name in task.objects if task.asset(name).hulls]
+        resting = {name: planning_scene.static_objects([name]) for name in solid}
         # Without allowed contacts, which objects that lie on others have.
-        things = {name: replace(thing, objects=frozenset()) for name, thing in standing.items()}
-        for (one, a), (other, b) in combinations(things.items(), 2):
-            if (gap_m := nearest(a, b).distance_m) <= -RESTING_M:
-                yield f"seed {seed}: {one} and {other} overlap by {-1000 * gap_m:.1f} mm"
-        for name in things:
-            if (low_m := float(task.asset(name).vertices(scene.poses[name])[:, 2].min())) <= -RESTING_M:
+        bodies = {name: replace(body, objects=frozenset()) for name, body in resting.items()}
+        for (name_a, a), (name_b, b) in combinations(bodies.items(), 2):
+            if (gap_m := nearest(a, b).distance_m) <= -MAX_RESTING_OVERLAP_M:
+                yield f"seed {seed}: {name_a} and {name_b} overlap by {-1000 * gap_m:.1f} mm"
+        for name in bodies:
+            low_m = float(task.asset(name).vertices(scene.poses[name])[:, 2].min())
+            if low_m <= -MAX_RESTING_OVERLAP_M:
                 yield f"seed {seed}: {name} is {-1000 * low_m:.1f} mm in the table"
         for agent in task.agents:
             arm = planning_scene.arm(agent, scene.qpos[agent - 1])
-            for name, thing in things.items():
-                if (gap_m := nearest(arm, thing).distance_m) <= OBJECT_MARGIN_M:
+            for name, body in bodies.items():
+                if (gap_m := nearest(arm, body).distance_m) <= OBJECT_MARGIN_M:
                     yield f"seed {seed}: agent {agent} is {1000 * gap_m:.1f} mm from {name}"
         for a, b in combinations(task.agents, 2):
             if (gap_m := planning_scene.between(a, b).distance_m) <= AGENT_MARGIN_M:
                 yield f"seed {seed}: agents {a} and {b} are {1000 * gap_m:.1f} mm apart"
 
 
-def nothing_moves_by_itself(world: Simulator) -> Broken:
+def nothing_moves_by_itself(world: Simulator) -> Violations:
     for seed in range(3):
         start, hold = world.reset(seed), world.command
-        for _ in range(STILL_STEPS):
+        for _ in range(REST_STEPS):
             scene = world.step(hold)
             for name, speed_m_s in scene.speeds.items():
-                if speed_m_s >= STILL_M_S:
+                if speed_m_s >= MAX_REST_SPEED_M_S:
                     yield f"seed {seed}, step {scene.step}: {name} moves at {1000 * speed_m_s:.1f} mm/s"
                     return
             if any(scene.held) or scene.arm_contacts:
                 yield f"seed {seed}, step {scene.step}: an arm holds or touches something"
                 return
         for name, pose in start.poses.items():
-            if (off_m := float(np.abs(scene.poses[name] - pose).max())) > STILL_M:
-                yield f"seed {seed}: {name} is {1000 * off_m:.1f} mm off after {STILL_STEPS} steps"
+            if (off_m := float(np.abs(scene.poses[name] - pose).max())) > MAX_REST_DRIFT_M:
+                yield f"seed {seed}: {name} is {1000 * off_m:.1f} mm off after {REST_STEPS} steps"
 
 
-def plans_name_what_exists(world: Simulator) -> Broken:
+def plans_name_what_exists(world: Simulator) -> Violations:
     task = world.task
     scene = task.start(3).scene
     proposal, places = task.module.plan(scene, task), task.places(scene)
     for subgoal in proposal.subgoals:
-        if subgoal.agent not in (*task.agents, ANYBODY):
+        if subgoal.agent not in (*task.agents, ANY_AGENT):
             yield f"{subgoal.text}: there is no agent {subgoal.agent}"
         elif subgoal.object is not None and subgoal.object not in task.objects:
             yield f"{subgoal.text}: there is no object {subgoal.object}"
@@ -119,12 +122,12 @@ def plans_name_what_exists(world: Simulator) -> Broken:
             yield f"{subgoal.text}: there is neither an object nor a place {subgoal.target}"
     try:
         limits = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).limits
-        RoboChecker(task, allocated(proposal, task, scene, limits), ConstraintSet("full"))
+        RoboChecker(task, allocate_jobs(proposal, task, scene, limits), ConstraintSet("full"))
     except (ArgumentError, Unreachable) as error:
         yield str(error)
 
 
-def nothing_has_succeeded_at_the_start(world: Simulator) -> Broken:
+def nothing_has_succeeded_at_the_start(world: Simulator) -> Violations:
     for seed in range(20):
         scene = world.reset(seed)
         verdict = SuccessEvaluator(world.task, scene)(scene)
@@ -132,54 +135,54 @@ def nothing_has_succeeded_at_the_start(world: Simulator) -> Broken:
             yield f"seed {seed} is a success already"
 
 
-def random_actions_never_succeed(world: Simulator) -> Broken:
+def random_actions_never_succeed(world: Simulator) -> Violations:
     moved = 0
     for seed in range(RANDOM_EPISODES):
         rng = np.random.default_rng(seed)
         scene = world.reset(seed)
-        judge, action = SuccessEvaluator(world.task, scene), world.command
+        evaluator, action = SuccessEvaluator(world.task, scene), world.command
         for _ in range(APPROACHES):
-            before, reach = scene, _towards_things(world.task, scene, rng) / RANDOM_STEPS
+            before, reach = scene, _towards_objects(world.task, scene, rng) / RANDOM_STEPS
             for step in range(RANDOM_STEPS):
                 action[:, :-1] += reach + rng.normal(0.0, 0.015, reach.shape)
                 if step % 10 == 0:
                     action[:, -1] = rng.choice([-1.0, 1.0], len(action))
                 scene = world.step(action)
-                verdict = judge(scene)
+                verdict = evaluator(scene)
                 if verdict.success or verdict.success_paper:
                     yield f"seed {seed}, step {scene.step}: random actions succeed"
                     return
             moved += any(np.abs(scene.poses[name] - pose).max() > 2e-3 for name, pose in before.poses.items())
-    if loose(world.task) and moved < FEWEST_TOUCHES:
+    if movable_objects(world.task) and moved < MIN_TOUCHES:
         yield f"random actions move something in {moved} of {RANDOM_EPISODES * APPROACHES} approaches alone"
 
 
-def _towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
+def _towards_objects(task: Task, scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
     """Joint changes (N, dof) rad: each arm to a pose above an object, or random where unreachable."""
     change = rng.normal(0.0, 0.3, (len(task.robots), task.dof))
     for row, (agent, arm) in enumerate(task.arms.items()):
-        things = loose(task) or list(task.objects)
-        place_m = scene.poses[rng.choice(things)][:3, 3] + rng.normal(0.0, NEAR_M, 3)
+        names = movable_objects(task) or list(task.objects)
+        place_m = scene.poses[rng.choice(names)][:3, 3] + rng.normal(0.0, TARGET_STD_M, 3)
         turn = rng.uniform(0.0, np.pi)
         pose = from_axes(place_m, z=(0, 0, -1), y=(np.cos(turn), np.sin(turn), 0))
-        now = arm.joints(scene.qpos[agent - 1])
-        qpos = arm.solve(pose, now)
+        start = arm.joints(scene.qpos[agent - 1])
+        qpos = arm.solve(pose, start)
         if qpos is not None:
-            change[row, : len(now)] = qpos - now
+            change[row, : len(start)] = qpos - start
     return change
 
 
-def loose(task: Task) -> list[str]:
+def movable_objects(task: Task) -> list[str]:
     """Names of the objects that can move."""
-    return [name for name in task.objects if not (task.asset(name).static or task.asset(name).ghost)]
+    return [name for name in task.objects if not (task.asset(name).static or task.asset(name).visual_only)]
 
 
-def flung_things_never_succeed(world: Simulator) -> Broken:
-    thrown = loose(world.task)
+def flung_things_never_succeed(world: Simulator) -> Violations:
+    movable = movable_objects(world.task)
     for throw_m_s in THROWS_M_S:
-        for names in filter(None, dict.fromkeys([*((name,) for name in thrown), tuple(thrown)])):
+        for names in filter(None, dict.fromkeys([*((name,) for name in movable), tuple(movable)])):
             start = scene = world.reset(0)
-            judge, hold = SuccessEvaluator(world.task, start), world.command
+            evaluator, hold = SuccessEvaluator(world.task, start), world.command
             for name in names:
                 world.fling(name, throw_m_s)
             highest_m = 0.0
@@ -187,30 +190,30 @@ def flung_things_never_succeed(world: Simulator) -> Broken:
                 scene = world.step(hold)
                 risen_m = max(scene.poses[name][2, 3] - start.poses[name][2, 3] for name in names)
                 highest_m = max(highest_m, float(risen_m))
-                if judge(scene).success:
+                if evaluator(scene).success:
                     yield f"{', '.join(names)} flung at {throw_m_s} m/s: a success at step {step}"
                     break
-            hung = all(world.task.asset(name).hinge is not None for name in names)
-            if highest_m <= HIGH_M and not hung:
+            hinged = all(world.task.asset(name).hinge is not None for name in names)
+            if highest_m <= MIN_FLIGHT_M and not hinged:
                 yield f"{', '.join(names)} flung at {throw_m_s} m/s: does not fly"
 
 
-def every_view_is_its_own(world: Simulator) -> Broken:
+def every_view_is_its_own(world: Simulator) -> Violations:
     world.reset(0)
     pictures = world.images()
     for name, picture in pictures.items():
         if picture.std() <= 20:
             yield f"{name} sees next to nothing"
-    seen, table = world.segmentation(), world.bodies()["table"]
-    for (one, a), (other, b) in combinations(pictures.items(), 2):
-        things = ~(np.isin(seen[one], table) & np.isin(seen[other], table))
-        others = (seen[one] != seen[other])[things]
+    segmentation, table = world.segmentation(), world.bodies()["table"]
+    for (name_a, a), (name_b, b) in combinations(pictures.items(), 2):
+        things = ~(np.isin(segmentation[name_a], table) & np.isin(segmentation[name_b], table))
+        others = (segmentation[name_a] != segmentation[name_b])[things]
         # Views of arms in a circle look alike, but show different bodies.
-        if np.abs(a.astype(int) - b).mean() <= DIFFERENT_LEVELS and others.mean() <= OTHER_BODIES:
-            yield f"{one} and {other} see the same"
+        if np.abs(a.astype(int) - b).mean() <= MIN_DIFFERENCE and others.mean() <= MIN_OTHER_BODIES:
+            yield f"{name_a} and {name_b} see the same"
 
 
-def everything_is_seen_at_the_start(world: Simulator) -> Broken:
+def everything_is_seen_at_the_start(world: Simulator) -> Violations:
     for seed in range(4):
         world.reset(seed)
         bodies = world.bodies()
@@ -218,10 +221,10 @@ def everything_is_seen_at_the_start(world: Simulator) -> Broken:
             camera: {name: int(np.isin(image, numbers).sum()) for name, numbers in bodies.items()}
             for camera, image in world.segmentation().items()
         }
-        least = {("global", name): THING_PX for name in world.task.objects}
+        least = {("global", name): MIN_OBJECT_PX for name in world.task.objects}
         for k in world.task.agents:
-            least |= {("global", f"agent{k}"): ARM_PX, (f"agent{k}", f"agent{k}"): ARM_PX}
-        least |= {(camera, "table"): TABLE_PX for camera in pixels}
+            least |= {("global", f"agent{k}"): MIN_ARM_PX, (f"agent{k}", f"agent{k}"): MIN_ARM_PX}
+        least |= {(camera, "table"): MIN_TABLE_PX for camera in pixels}
         for (camera, name), bound in least.items():
             if pixels[camera][name] <= bound:
                 seen = pixels[camera][name]
@@ -233,17 +236,17 @@ class _Moments(NullObserver):
 
     def __init__(self) -> None:
         self.actions: list[NDArray[np.float64]] = []
-        self.found: dict[int, set[tuple[int, str]]] = {}  # step -> (agent at work, object)
+        self.works: dict[int, set[tuple[int, str]]] = {}  # step -> (agent at work, object)
 
     def planned(self, plan: Planned) -> None:
         for trajectory in plan.trajectories:
             positions = plan.schedule.positions[:, trajectory.agent - 1]
             for segment, begin, end in trajectory.intervals:
-                works = {"close": end, "press": end, "strike": end, "shut": begin, "open": begin}
-                at = works.get(segment.primitive)
-                if at is not None and segment.subgoal.object is not None:
-                    step = len(self.actions) + int(np.searchsorted(positions, at))
-                    self.found.setdefault(step, set()).add((trajectory.agent, segment.subgoal.object))
+                work_positions = {"close": end, "press": end, "strike": end, "shut": begin, "open": begin}
+                position = work_positions.get(segment.primitive)
+                if position is not None and segment.subgoal.object is not None:
+                    step = len(self.actions) + int(np.searchsorted(positions, position))
+                    self.works.setdefault(step, set()).add((trajectory.agent, segment.subgoal.object))
 
     def stepped(
         self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
@@ -251,28 +254,29 @@ class _Moments(NullObserver):
         self.actions.append(action)
 
 
-def agents_see_their_work(world: Simulator) -> Broken:
+def agents_see_their_work(world: Simulator) -> Violations:
     task = world.task
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     for seed in range(5):
         moments = _Moments()
-        maker = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), moments)
+        maker = EpisodeGenerator(settings, CameraSubset(world), settings.make_brain(seed), moments)
         if maker.make(seed).success:
             break
     else:
         yield "the expert succeeds in none of five seeds"
         return
     actions = np.stack(moments.actions)
-    reached = {step for step in moments.found if step <= len(actions)}
-    if idle := set(task.agents) - {agent for step in reached for agent, _ in moments.found[step]}:
+    reached = {step for step in moments.works if step <= len(actions)}
+    if idle := set(task.agents) - {agent for step in reached for agent, _ in moments.works[step]}:
         yield f"the expert leaves agents {sorted(idle)} without work"
-    for step, _ in play(world, seed, actions, reached):
+    for step, _ in replay(world, seed, actions, reached):
         images, bodies = world.segmentation(), world.bodies()
-        for k, name in sorted(moments.found[step]):
+        for k, name in sorted(moments.works[step]):
             image, fingers = images[f"agent{k}"], world.gripper(k)
-            gripper, thing = (int(np.isin(image, ids).sum()) for ids in (fingers, bodies[name]))
-            if gripper < GRIPPER_PX or thing < OBJECT_PX:
-                yield f"step {step}: agent {k} sees {gripper} px of its gripper and {thing} px of {name}"
+            gripper_px, object_px = (int(np.isin(image, ids).sum()) for ids in (fingers, bodies[name]))
+            if gripper_px < MIN_WORKING_GRIPPER_PX or object_px < MIN_WORKED_OBJECT_PX:
+                seen = f"{gripper_px} px of its gripper and {object_px} px of {name}"
+                yield f"step {step}: agent {k} sees {seen}"
 
 
 LAWS = (
@@ -295,9 +299,9 @@ LAWS = (
 )
 
 
-def judged(task: Task, *, pictures: bool = True) -> Iterator[tuple[Law, list[str]]]:
+def check_task(task: Task, *, pictures: bool = True) -> Iterator[tuple[Law, list[str]]]:
     """Each law with its violations by a task; without `pictures`, only laws that need none."""
     for law in LAWS:
         if pictures or not law.pictures:
             with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
-                yield law, list(law.broken(world))
+                yield law, list(law.violations(world))

@@ -18,13 +18,13 @@ from rf_exp.tasks.assets import Asset, InteractionPoint, Part
 from rf_exp.transforms import Matrix, apply, from_axes, inverse, transform
 from rf_exp.types import Scene
 
-WIDEST_M = 0.075  # graspable width: opening of the fingers less a margin
-PALM_M = 0.03  # largest height of an object above the TCP, below the palm
-GRIP = 0.45  # height of the grasp, relative to the object, where the palm leaves room
+MAX_GRASP_WIDTH_M = 0.075  # graspable width: opening of the fingers less a margin
+PALM_CLEARANCE_M = 0.03  # largest height of an object above the TCP, below the palm
+GRASP_HEIGHT = 0.45  # height of the grasp, relative to the object, where the palm leaves room
 TIP_DEG = 30.0  # largest tilt of the gripper; the planner rejects contacts with the table
-SQUARE_M = 0.002  # sides that differ by less are equal
-FLAT_M = 0.001  # tolerance of a flat top
-FLAT_SHARE = 0.25  # smallest share of the outline from above that counts as a top
+SQUARE_TOLERANCE_M = 0.002  # sides that differ by less are equal
+FLAT_TOLERANCE_M = 0.001  # tolerance of a flat top
+MIN_TOP_SHARE = 0.25  # smallest share of the outline from above that counts as a top
 GREY = (0.5, 0.5, 0.5)
 MARK_M = 0.005  # radius of the mark for a body without collision shapes
 
@@ -70,7 +70,8 @@ class ReadTask(Task):
             target_condition="",
             robots=robots,
             objects={
-                each: ObjectSpec(asset.name, relative_to=below.get(each)) for each, asset in assets.items()
+                object_name: ObjectSpec(asset.name, relative_to=below.get(object_name))
+                for object_name, asset in assets.items()
             },
             # No viewpoint is defined, so sentences cannot name the left arm.
             cameras={
@@ -110,48 +111,48 @@ def upright_frame(solids: Solids, world_from_body: Matrix) -> Matrix:
 
 def asset_of(
     name: str, solids: Solids, body_from_object: Matrix, movable: bool, mass_kg: float,
-    given: Mapping[str, InteractionPoint],
+    user_points: Mapping[str, InteractionPoint],
 ) -> Asset:  # fmt: skip
-    """Asset of a body in its upright frame, with derived and given points; given ones take precedence."""
+    """Asset of a body in its upright frame, with derived points and the user's, which take precedence."""
     object_from_body = inverse(body_from_object)
     hulls = [solid.copy().apply_transform(object_from_body) for solid in solids]
     mark = Part.sphere(MARK_M, transform(), GREY, solid=False)
     return Asset(
         name,
         parts=tuple(Part(hull, GREY) for hull in hulls) or (mark,),
-        points={**_derived(hulls, movable), **given},
+        points={**_derived_points(hulls, movable), **user_points},
         mass_kg=mass_kg,
         static=not movable,
-        ghost=not hulls,
+        visual_only=not hulls,
     )
 
 
-def _derived(hulls: Solids, movable: bool) -> dict[str, InteractionPoint]:
+def _derived_points(hulls: Solids, movable: bool) -> dict[str, InteractionPoint]:
     if not hulls:
         return {"middle": InteractionPoint(transform(), "place", turns=12)}
     corners = _corners(hulls)
     length_m, width_m, height_m = np.ptp(corners, axis=0)
-    found = {}
-    if movable and width_m <= WIDEST_M:
-        square = abs(length_m - width_m) < SQUARE_M
-        grip_m = max(GRIP * height_m, height_m - PALM_M)
-        found["center"] = InteractionPoint(
-            from_axes((0, 0, grip_m), z=(0, 0, -1), y=(0, 1, 0)),
+    points = {}
+    if movable and width_m <= MAX_GRASP_WIDTH_M:
+        square = abs(length_m - width_m) < SQUARE_TOLERANCE_M
+        grasp_height_m = max(GRASP_HEIGHT * height_m, height_m - PALM_CLEARANCE_M)
+        points["center"] = InteractionPoint(
+            from_axes((0, 0, grasp_height_m), z=(0, 0, -1), y=(0, 1, 0)),
             "grasp",
             width_m=float(width_m),
             turns=4 if square else 2,
             tip_deg=TIP_DEG,
         )
     if _flat_on_top(corners):
-        found["top"] = InteractionPoint(transform((0, 0, height_m)), "place", turns=4)
-    return found
+        points["top"] = InteractionPoint(transform((0, 0, height_m)), "place", turns=4)
+    return points
 
 
 def _flat_on_top(corners: NDArray[np.float64]) -> bool:
     """Whether the hull of the highest points contains the middle and is large enough to carry an object."""
-    highest = corners[corners[:, 2] > corners[:, 2].max() - FLAT_M]
-    top, outline = (MultiPoint(each[:, :2]).convex_hull for each in (highest, corners))
-    return top.area >= FLAT_SHARE * outline.area and top.intersects(Point(0.0, 0.0))
+    highest = corners[corners[:, 2] > corners[:, 2].max() - FLAT_TOLERANCE_M]
+    top, outline = (MultiPoint(points[:, :2]).convex_hull for points in (highest, corners))
+    return top.area >= MIN_TOP_SHARE * outline.area and top.intersects(Point(0.0, 0.0))
 
 
 def _corners(solids: Solids) -> NDArray[np.float64]:

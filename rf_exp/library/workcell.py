@@ -9,12 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPoint
 
-from rf_exp.datagen import Planned, Planner, Settings, as_commanded, commands_of, drive, follow
+from rf_exp.datagen import (
+    Planned,
+    Planner,
+    Settings,
+    at_last_command,
+    execute_commands,
+    execute_monitored,
+    plan_commands,
+)
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
-from rf_exp.errors import ArgumentError, RfError, choices
+from rf_exp.errors import ArgumentError, RfError, unknown_choice
 from rf_exp.findings import CheckName, Violation, agent_name
 from rf_exp.library.reading import GREY, ReadRobot, ReadTask, asset_of, upright_frame
-from rf_exp.sim import Arm, Stepped, Stock
+from rf_exp.sim import Arm, StepResult, ThirdPartyEnvironment
 from rf_exp.statements import Proposal, Statement, read, read_subgoal
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset, InteractionPoint, Part
@@ -23,7 +31,7 @@ from rf_exp.types import ConstraintSet, JointLimits, Scene, Subgoal
 
 FULL = ConstraintSet("full")
 SETTLE_STEPS = 20  # control steps to hold still after a plan, for placed objects to settle
-ON_M = 0.005  # largest gap between an object and the one on which it stands
+SUPPORT_GAP_M = 0.005  # largest gap between an object and the one on which it stands
 
 Subgoals = Mapping[int, Iterable[str | Subgoal]]  # agent -> its subgoals, in this order
 
@@ -60,17 +68,17 @@ class Execution:
         if self.violation is not None:
             return self.violation.sentence
         if self.truncated:
-            return "the environment cut the episode off"
+            return "the environment truncated the episode"
         if "success" not in self.info:
-            return "the plan was carried out; the environment does not say what success is"
+            return "the plan was executed; the environment does not report success"
         missing = [name for name, holds in self.info.items() if name != "success" and _is_false(holds)]
-        return f"the plan was carried out, but the environment says no success: not {', '.join(missing)}"
+        return f"the plan was executed, but the environment reports no success: not {', '.join(missing)}"
 
     def __str__(self) -> str:
         return f"{'success' if self.success else 'failure'} after {self.steps} steps {self.reason}".strip()
 
 
-class Saying:
+class FixedBrain:
     """RoboBrain that answers every question with a given proposal."""
 
     def __init__(self, proposal: Proposal) -> None:
@@ -80,29 +88,29 @@ class Saying:
         return to_json(self._proposal)
 
 
-class Driven:
+class EnvironmentDriver:
     """Driver of an environment by commands, until it ends its episode; poses are in the objects' frames."""
 
-    def __init__(self, stock: Stock, frames: Mapping[str, Matrix]) -> None:
+    def __init__(self, environment: ThirdPartyEnvironment, frames: Mapping[str, Matrix]) -> None:
         """`frames`: object -> body_from_object (4, 4)."""
-        self._stock, self._frames = stock, frames
-        self.told: NDArray[np.float64] | None = None  # (N, A) the last command
-        self.last: Stepped | None = None  # result of the last step of a plan
+        self._environment, self._frames = environment, frames
+        self.last_command: NDArray[np.float64] | None = None  # (N, A) the last command
+        self.last_result: StepResult | None = None  # result of the last step of a plan
 
     @property
     def scene(self) -> Scene:
         """The scene measured now."""
-        scene = self._stock.scene()
+        scene = self._environment.scene()
         return replace(scene, poses={name: pose @ self._frames[name] for name, pose in scene.poses.items()})
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether the environment has ended its episode."""
-        return self.last is not None and (self.last.terminated or self.last.truncated)
+        return self.last_result is not None and (self.last_result.terminated or self.last_result.truncated)
 
-    def take(self, command: NDArray[np.float64]) -> None:
+    def step(self, command: NDArray[np.float64]) -> None:
         """Run one control step."""
-        self.told, self.last = command, self._stock.step(command)
+        self.last_command, self.last_result = command, self._environment.step(command)
 
 
 class Workcell:
@@ -131,23 +139,25 @@ class Workcell:
         `constraint_set` selects the constraints. Raises ArgumentError for an environment that is not
         supported, for unknown objects, and for places with the name of an object.
         """
-        self._stock = Stock(env, ignore)
-        poses = self._stock.poses()
-        given = points or {}
-        for name in given:
+        self._environment = ThirdPartyEnvironment(env, ignore)
+        poses = self._environment.poses()
+        points_by_object = points or {}
+        for name in points_by_object:
             if name not in poses:
-                raise choices("object in points:", name, poses)
+                raise unknown_choice("object in points:", name, poses)
         for name in places or {}:
             if name in poses:
                 raise ArgumentError(f"place {name!r} has the name of an object; call it another name")
-        bodies = self._stock.bodies
+        bodies = self._environment.bodies
         frames = {name: upright_frame(body.solids, poses[name]) for name, body in bodies.items()}
-        self._arms = Driven(self._stock, frames)
+        self._arms = EnvironmentDriver(self._environment, frames)
         assets = {
-            name: asset_of(name, body.solids, frames[name], body.movable, body.mass_kg, given.get(name, {}))
+            name: asset_of(
+                name, body.solids, frames[name], body.movable, body.mass_kg, points_by_object.get(name, {})
+            )
             for name, body in bodies.items()
         }
-        robots = tuple(map(_robot, self._stock.arms))
+        robots = tuple(map(_robot, self._environment.arms))
         name = type(getattr(env, "unwrapped", env)).__name__
         below = _below(assets, self.scene().poses)
         self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), below)
@@ -156,13 +166,15 @@ class Workcell:
         self._settings = Settings.configured(self.task, constraint_set, ScriptedSpec(), **changes)
 
     def __str__(self) -> str:
-        arms = zip(self.task.agents, self._stock.arms, strict=True)
+        arms = zip(self.task.agents, self._environment.arms, strict=True)
         lines = [f"{agent_name(agent)}: {arm.name} at {_at(arm.world_from_base)}" for agent, arm in arms]
         for name, pose in self.scene().poses.items():
-            points = [f"{point} ({found.kind})" for point, found in self.task.asset(name).points.items()]
+            points = [
+                f"{point} ({point_spec.kind})" for point, point_spec in self.task.asset(name).points.items()
+            ]
             lines.append(f"{name} at {_at(pose)}: {', '.join(points) or 'no interaction points'}")
         lines += [f"{name} at {_at(pose)}: a place" for name, pose in self.task.places(self.scene()).items()]
-        return "\n".join([*lines, f"the table: {', '.join(self._stock.table) or 'z = 0'}"])
+        return "\n".join([*lines, f"the table: {', '.join(self._environment.table) or 'z = 0'}"])
 
     def scene(self) -> Scene:
         """The scene measured now; poses are those of the objects' frames."""
@@ -178,16 +190,16 @@ class Workcell:
         understood, for unknown names and without any subgoal, and NoPlan where no plan is found.
         """
         proposal = self._proposal(subgoals, constraints)
-        planner = Planner(self._settings, Saying(proposal))
-        scene = as_commanded(self.scene(), self._arms.told)
-        made = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
-        if made is None:
+        planner = Planner(self._settings, FixedBrain(proposal))
+        scene = at_last_command(self.scene(), self._arms.last_command)
+        result = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
+        if result is None:
             raise ArgumentError("there are no subgoals; expected one for some agent")
-        if isinstance(made, Violation):
-            if made.check in (CheckName.BRAIN, CheckName.CODE):
-                raise ArgumentError(made.refusal)
-            raise NoPlan(made)
-        return made
+        if isinstance(result, Violation):
+            if result.check in (CheckName.BRAIN, CheckName.CODE):
+                raise ArgumentError(result.refusal)
+            raise NoPlan(result)
+        return result
 
     def execute(self, plan: Planned, *, settle_steps: int = SETTLE_STEPS) -> Execution:
         """Executes a plan that was made for the present scene, monitored at every control step.
@@ -196,33 +208,36 @@ class Workcell:
         holding still. After a violation the arms first come to rest. Raises ArgumentError for a plan that
         does not start at the present step.
         """
-        begins, made = self._stock.scene().step, plan.checked.plan
-        if made.task is not self.task or made.scene.step != begins:
+        start_step, checked_plan = self._environment.scene().step, plan.checked.plan
+        if checked_plan.task is not self.task or checked_plan.scene.step != start_step:
             raise ArgumentError(
-                f"the plan is for step {made.scene.step} of {made.task.name}, and this is step {begins} of "
-                f"{self.task.name}; plan again"
+                f"the plan is for step {checked_plan.scene.step} of {checked_plan.task.name}, and this is "
+                f"step {start_step} of {self.task.name}; plan again"
             )
-        self._arms.last, commands = None, commands_of(plan)
-        violation = drive(self._arms, commands, plan.checked.monitor(), self._settings.limits)
+        self._arms.last_result, commands = None, plan_commands(plan)
+        violation = execute_monitored(self._arms, commands, plan.checked.monitor(), self._settings.limits)
         if violation is None:
-            follow(self._arms, np.tile(commands[-1], (settle_steps, 1, 1)))
-        last = self._arms.last
-        ended = (last.terminated, last.truncated, last.info) if last is not None else (False, False, {})
+            execute_commands(self._arms, np.tile(commands[-1], (settle_steps, 1, 1)))
+        last = self._arms.last_result
+        final_state = (last.terminated, last.truncated, last.info) if last is not None else (False, False, {})
         scene = self.scene()
-        return Execution(scene, scene.step - begins, violation, *ended)
+        return Execution(scene, scene.step - start_step, violation, *final_state)
 
     def _proposal(self, subgoals: Subgoals, constraints: Iterable[str | Statement]) -> Proposal:
-        words = self.task.vocabulary
-        found = []
-        for agent, lines in subgoals.items():
-            words.agent(agent, "subgoals")
-            for line in [lines] if isinstance(lines, str) else lines:
-                text = line.text if isinstance(line, Subgoal) else line
-                found.append(read_subgoal(agent, text, words))
-        stated = [
-            read(each, words) if isinstance(each, str) else each.known_in(words) for each in constraints
+        vocabulary = self.task.vocabulary
+        subgoal_values = []
+        for agent, sentences in subgoals.items():
+            vocabulary.agent(agent, "subgoals")
+            for sentence in [sentences] if isinstance(sentences, str) else sentences:
+                text = sentence.text if isinstance(sentence, Subgoal) else sentence
+                subgoal_values.append(read_subgoal(agent, text, vocabulary))
+        statements = [
+            read(constraint, vocabulary)
+            if isinstance(constraint, str)
+            else constraint.checked_against(vocabulary)
+            for constraint in constraints
         ]
-        return Proposal(tuple(found), tuple(stated))
+        return Proposal(tuple(subgoal_values), tuple(statements))
 
 
 def _robot(arm: Arm) -> ReadRobot:
@@ -235,11 +250,11 @@ def _robot(arm: Arm) -> ReadRobot:
 
 def _below(assets: Mapping[str, Asset], poses: Mapping[str, Matrix]) -> dict[str, str]:
     corners = {name: asset.vertices(poses[name]) for name, asset in assets.items() if asset.hulls}
-    outlines = {name: MultiPoint(each[:, :2]).convex_hull for name, each in corners.items()}
+    outlines = {name: MultiPoint(points[:, :2]).convex_hull for name, points in corners.items()}
     return {
         name: other
         for name, other in permutations(corners, 2)
-        if abs(corners[name][:, 2].min() - corners[other][:, 2].max()) < ON_M
+        if abs(corners[name][:, 2].min() - corners[other][:, 2].max()) < SUPPORT_GAP_M
         and outlines[name].intersects(outlines[other])
     }
 

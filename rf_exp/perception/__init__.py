@@ -18,25 +18,25 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, Voxels, among, beside
+from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, Voxels, contained_in, within_margin
 from rf_exp.transforms import transform
 from rf_exp.types import CameraModel
 
-__all__ = ["SEEN", "Seen", "down_to_table", "look"]
+__all__ = ["UNKNOWN_OBSTACLE", "OccupancyMap", "down_to_table", "occupied_voxels"]
 
 NOISE_M = 0.01  # points this near to the table, an arm or a held object are assigned to it
 REACH_M = 1.2  # of an arm with gripper and load; points farther from every base are left out
-POINT_M = 0.01  # edge of the grid cells that keep one point each
-FAR_M = 2.0  # distance from a camera at which its points may be POINT_M apart
-FEWEST = 3  # least points of an occupied voxel: some outliers of depth noise always remain
-SEEN = "something that the cameras see"
-NEAR_M = VOXEL_M  # clearance that fingers need around an object they grasp or put down
-STARTS_M = VOXEL_M / 2  # voxels this near to an arm's start are ignored: it starts collision-free
+POINT_SPACING_M = 0.01  # edge of the grid cells that keep one point each
+REFERENCE_DISTANCE_M = 2.0  # distance from a camera at which its points may be POINT_SPACING_M apart
+MIN_POINTS = 3  # least points of an occupied voxel: some outliers of depth noise always remain
+UNKNOWN_OBSTACLE = "something that the cameras see"
+OBJECT_CLEARANCE_M = VOXEL_M  # clearance that fingers need around an object they grasp or put down
+START_CLEARANCE_M = VOXEL_M / 2  # voxels this near to an arm's start are ignored: it starts collision-free
 
 Points = NDArray[np.float32]  # (K, 3) world frame
 
 
-def look(
+def occupied_voxels(
     depth: Mapping[str, NDArray[np.float32]],
     cameras: Mapping[str, CameraModel],
     planning_scene: PlanningScene,
@@ -47,121 +47,129 @@ def look(
     the models of these cameras, and the scene of `planning_scene` the arms and held objects at that time.
     """
     bases_m = [robot.world_from_base[:2, 3] for robot in planning_scene.task.robots]
-    seen = [points(depth[name], cameras[name]) for name in depth]
-    found = _one_of_each_cube(np.concatenate([np.zeros((0, 3), dtype=np.float32), *seen]))
-    away_m = [np.linalg.norm(found[:, :2] - base_m, axis=1) for base_m in bases_m]
-    found = found[np.min(away_m, axis=0) < REACH_M]
+    point_clouds = [depth_points(depth[name], cameras[name]) for name in depth]
+    points = _subsampled(np.concatenate([np.zeros((0, 3), dtype=np.float32), *point_clouds]))
+    distances_m = [np.linalg.norm(points[:, :2] - base_m, axis=1) for base_m in bases_m]
+    points = points[np.min(distances_m, axis=0) < REACH_M]
     for agent, held in zip(planning_scene.task.agents, planning_scene.scene.held, strict=True):
-        for body in (planning_scene.measured(agent), planning_scene.standing([held] if held else [])):
-            found = found[~within(body, found, NOISE_M)]
-    occupied, count = np.unique(np.floor(found / VOXEL_M).astype(np.int64), axis=0, return_counts=True)
-    return occupied[count >= FEWEST]
+        for body in (planning_scene.measured(agent), planning_scene.static_objects([held] if held else [])):
+            points = points[~near_body(body, points, NOISE_M)]
+    voxels, counts = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_counts=True)
+    return voxels[counts >= MIN_POINTS]
 
 
-def points(depth: NDArray[np.float32], camera: CameraModel) -> Points:
+def depth_points(depth: NDArray[np.float32], camera: CameraModel) -> Points:
     """World positions (K, 3) of the pixels of a depth picture (H, W) above the table.
 
-    Fine pictures are subsampled such that points at `FAR_M` are at most `POINT_M` apart.
+    Fine pictures are subsampled: points at `REFERENCE_DISTANCE_M` are at most `POINT_SPACING_M` apart.
     """
     rotation, eye_m = camera.world_from_camera[:3, :3].astype(np.float32), camera.world_from_camera[:3, 3]
-    every = max(1, int(POINT_M / FAR_M * camera.intrinsics[0, 0]))
-    along_m = depth[::every, ::every].ravel()
-    rays = _rays(camera.width_px, camera.height_px, camera.fov_y_rad, every)
-    height_m = along_m * (rays @ rotation[2]) + np.float32(eye_m[2])
+    stride = max(1, int(POINT_SPACING_M / REFERENCE_DISTANCE_M * camera.intrinsics[0, 0]))
+    depth_m = depth[::stride, ::stride].ravel()
+    rays = _rays(camera.width_px, camera.height_px, camera.fov_y_rad, stride)
+    height_m = depth_m * (rays @ rotation[2]) + np.float32(eye_m[2])
     # Select first: most pixels show the table or the floor.
-    above = np.flatnonzero((height_m > NOISE_M) & (along_m > 0) & np.isfinite(height_m))
-    return (along_m[above, None] * (rays[above] @ rotation.T) + eye_m).astype(np.float32)
+    above = np.flatnonzero((height_m > NOISE_M) & (depth_m > 0) & np.isfinite(height_m))
+    return (depth_m[above, None] * (rays[above] @ rotation.T) + eye_m).astype(np.float32)
 
 
-def within(body: Swept, found: Points, margin_m: float) -> NDArray[np.bool_]:
+def near_body(body: Swept, points: Points, margin_m: float) -> NDArray[np.bool_]:
     """Mask (K,) of points (K, 3) in a body at its first position, or within about `margin_m` of its faces."""
-    inside = np.zeros(len(found), dtype=bool)
+    inside = np.zeros(len(points), dtype=bool)
     for column, piece in enumerate(body.pieces):
         pose = body.poses[0, column].astype(np.float32)
-        away = found - body.centres[0, column].astype(np.float32)
-        near = np.flatnonzero(np.einsum("ki,ki->k", away, away) < (piece.radius_m + margin_m) ** 2)
-        near = near[~inside[near]]
-        local = (found[near] - pose[:3, 3]) @ pose[:3, :3]
+        offsets = points - body.centres[0, column].astype(np.float32)
+        candidates = np.flatnonzero(
+            np.einsum("ki,ki->k", offsets, offsets) < (piece.radius_m + margin_m) ** 2
+        )
+        candidates = candidates[~inside[candidates]]
+        local = (points[candidates] - pose[:3, 3]) @ pose[:3, :3]
         planes = piece.planes.astype(np.float32)
-        inside[near] = (local @ planes[:, :3].T + planes[:, 3]).max(axis=1, initial=-np.inf) <= margin_m
+        inside[candidates] = (local @ planes[:, :3].T + planes[:, 3]).max(axis=1, initial=-np.inf) <= margin_m
     return inside
 
 
-def _one_of_each_cube(found: Points) -> Points:
-    """The first point in each cell of a grid of `POINT_M`."""
-    if not len(found):
-        return found
-    x, y, z = np.floor((found - found.min(axis=0)) / np.float32(POINT_M)).astype(np.int64).T
+def _subsampled(points: Points) -> Points:
+    """The first point in each cell of a grid of `POINT_SPACING_M`."""
+    if not len(points):
+        return points
+    x, y, z = np.floor((points - points.min(axis=0)) / np.float32(POINT_SPACING_M)).astype(np.int64).T
     _, first = np.unique((x * (y.max() + 1) + y) * (z.max() + 1) + z, return_index=True)
-    return found[first]
+    return points[first]
 
 
 @cache
-def _rays(width_px: int, height_px: int, fov_y_rad: float, every: int) -> Points:
-    """Centres (K, 3) of every `every`-th pixel along both axes, at depth 1; OpenCV axes."""
+def _rays(width_px: int, height_px: int, fov_y_rad: float, stride: int) -> Points:
+    """Centres (K, 3) of every `stride`-th pixel along both axes, at depth 1; OpenCV axes."""
     camera = CameraModel(width_px, height_px, fov_y_rad, np.eye(4))
-    u, v = np.meshgrid(np.arange(0, width_px, every) + 0.5, np.arange(0, height_px, every) + 0.5)
+    u, v = np.meshgrid(np.arange(0, width_px, stride) + 0.5, np.arange(0, height_px, stride) + 0.5)
     pixels = np.column_stack([u.ravel(), v.ravel(), np.ones(u.size)])
     return (pixels @ np.linalg.inv(camera.intrinsics).T).astype(np.float32)
 
 
-class Seen:
+class OccupancyMap:
     """Occupied voxels of a scene, and the objects that they may belong to."""
 
     def __init__(self, planning_scene: PlanningScene) -> None:
-        scene, seen = planning_scene.scene, planning_scene.scene.seen
-        assert seen is not None  # only for scenes with depth pictures
-        self._occupied = occupied = down_to_table(seen)
+        scene, surface = planning_scene.scene, planning_scene.scene.occupied_voxels
+        assert surface is not None  # only for scenes with depth pictures
+        self._occupied = occupied = down_to_table(surface)
         self._held = frozenset(name for name in scene.held if name)
-        objects = {name: planning_scene.standing([name]) for name in planning_scene.task.objects}
-        self._owned = {
-            name: among(occupied, down_to_table(seen[beside(seen, body, NOISE_M)]))
+        objects = {name: planning_scene.static_objects([name]) for name in planning_scene.task.objects}
+        self._object_voxels = {
+            name: contained_in(occupied, down_to_table(surface[within_margin(surface, body, NOISE_M)]))
             for name, body in objects.items()
         }
-        self._near = {name: beside(occupied, body, NEAR_M) for name, body in objects.items()}
-        self._known = np.any([np.zeros(len(occupied), dtype=bool), *self._owned.values()], axis=0)
+        self._near_voxels = {
+            name: within_margin(occupied, body, OBJECT_CLEARANCE_M) for name, body in objects.items()
+        }
+        self._task_voxels = np.any(
+            [np.zeros(len(occupied), dtype=bool), *self._object_voxels.values()], axis=0
+        )
         arms = (planning_scene.measured(agent) for agent in planning_scene.task.agents)
-        self._starts = [beside(occupied, arm, STARTS_M) for arm in arms]
-        self._found: dict[tuple[int, frozenset[str]], tuple[Swept, frozenset[str]]] = {}
+        self._start_voxels = [within_margin(occupied, arm, START_CLEARANCE_M) for arm in arms]
+        self._cache: dict[tuple[int, frozenset[str]], tuple[Swept, frozenset[str]]] = {}
 
-    def obstacles(self, agent: int, minds_not: Collection[str]) -> tuple[Swept, frozenset[str]]:
+    def obstacles(self, agent: int, ignored_objects: Collection[str]) -> tuple[Swept, frozenset[str]]:
         """Obstacles of an agent: occupied boxes as one body, and the objects that replace ignored voxels.
 
-        `minds_not` names the objects of its subgoals and the objects that any agent moves.
+        `ignored_objects` are the objects of its subgoals and the objects that any agent moves.
         """
-        exactly = self._held | set(minds_not)
-        key = agent, exactly
-        if key not in self._found:
-            left_out = self._starts[agent - 1].copy()
-            for name in exactly:
-                left_out |= self._owned[name] | (self._near[name] & self._known)
-            owners = {name for name, owned in self._owned.items() if (owned & left_out).any()}
-            self._found[key] = boxes(self._occupied[~left_out]), exactly | owners
-        return self._found[key]
+        exact_objects = self._held | set(ignored_objects)
+        key = agent, exact_objects
+        if key not in self._cache:
+            ignored = self._start_voxels[agent - 1].copy()
+            for name in exact_objects:
+                ignored |= self._object_voxels[name] | (self._near_voxels[name] & self._task_voxels)
+            owners = {name for name, owned in self._object_voxels.items() if (owned & ignored).any()}
+            self._cache[key] = boxes(self._occupied[~ignored]), exact_objects | owners
+        return self._cache[key]
 
 
-def down_to_table(seen: Voxels) -> Voxels:
+def down_to_table(surface: Voxels) -> Voxels:
     """Voxels (K, 3), above the table and in lexical order, and all voxels below them down to the table."""
-    top = np.append((seen[1:, :2] != seen[:-1, :2]).any(axis=1), np.ones(min(len(seen), 1), dtype=bool))
-    columns = seen[top]
+    tops = np.append(
+        (surface[1:, :2] != surface[:-1, :2]).any(axis=1), np.ones(min(len(surface), 1), dtype=bool)
+    )
+    columns = surface[tops]
     height = columns[:, 2] + 1
     filled = columns.repeat(height, axis=0)
     filled[:, 2] = np.arange(len(filled)) - (height.cumsum() - height).repeat(height)
     return filled
 
 
-def boxes(occupied: Voxels) -> Swept:
+def boxes(voxels: Voxels) -> Swept:
     """Voxels (K, 3) as one body (P = 1); neighbours are merged to boxes along one axis after another."""
-    low, high = occupied, occupied + 1
+    low, high = voxels, voxels + 1
     for axis in range(3):
-        low, high = _joined(low, high, axis)
+        low, high = _merged(low, high, axis)
     poses = np.tile(np.eye(4), (1, len(low), 1, 1))
     poses[0, :, :3, 3] = low * VOXEL_M
     pieces = tuple(_box(*size) for size in (high - low).tolist())
-    return Swept(pieces, (SEEN,) * len(pieces), poses, objects=frozenset({SEEN}))
+    return Swept(pieces, (UNKNOWN_OBSTACLE,) * len(pieces), poses, objects=frozenset({UNKNOWN_OBSTACLE}))
 
 
-def _joined(low: Voxels, high: Voxels, axis: int) -> tuple[Voxels, Voxels]:
+def _merged(low: Voxels, high: Voxels, axis: int) -> tuple[Voxels, Voxels]:
     """Boxes (B, 3) from `low` to `high`, with adjacent equal ones merged along an axis."""
     across = [other for other in range(3) if other != axis]
     order = np.lexsort((low[:, axis], *low[:, across].T, *high[:, across].T))

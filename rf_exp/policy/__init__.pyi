@@ -24,7 +24,7 @@ from .foreign.factory import make_policy as make_policy
 from .foreign.runner import foreign_runners as foreign_runners
 from .foreign.spec import Foreign as Foreign
 from .foreign.spec import foreign_policy as foreign_policy
-from .inputs.coordination import sent_on as sent_on
+from .inputs.coordination import moving_target_mask as moving_target_mask
 from .inputs.view import Stream as Stream
 from .inputs.view import View as View
 from .inputs.view import views as views

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 
-ITEMS, WIDEST = 8, 8192  # most items of a list, such as layers of a network; widest layer
+MOST_ITEMS, LARGEST_WIDTH = 8, 8192  # most items of a list, such as layers of a network; widest layer
 BOUNDS, ACTING = "bounds", "acting"  # keys of the metadata of a field
 
 
@@ -25,18 +25,18 @@ class Bounds:
     below: float = math.inf
     expected: str = ""
 
-    def check(self, name: str, value: object, one: float) -> None:
-        """Raises ArgumentError if `one` number of a value is out of bounds."""
-        finite = isinstance(one, int) or math.isfinite(one)
-        require(finite and one <= self.most, name, value, f"finite, and at most {self.most:g}")
-        holds = self.least <= one and self.above < one < self.below
+    def check(self, name: str, value: object, number: float) -> None:
+        """Raises ArgumentError if this number of a value is out of bounds."""
+        finite = isinstance(number, int) or math.isfinite(number)
+        require(finite and number <= self.most, name, value, f"finite, and at most {self.most:g}")
+        holds = self.least <= number and self.above < number < self.below
         expected = f"{self.least:g} or above" if self.least > -math.inf else f"a number above {self.above:g}"
         if self.below < math.inf:
             expected = f"a number in [{self.least:g}, {self.below:g})"
         require(holds, name, value, self.expected or expected)
 
 
-def bounded(most: float = WIDEST, *, acting: bool = False, **limits: Any) -> Any:
+def bounded(most: float = LARGEST_WIDTH, *, acting: bool = False, **limits: Any) -> Any:
     """A field of one or several numbers, limited as in `Bounds`; with `acting` it affects no weights."""
     return field(metadata={BOUNDS: Bounds(most, **limits), ACTING: acting})
 
@@ -56,42 +56,44 @@ class Checked:
     """Base of frozen dataclasses with bounded fields: values are checked on construction."""
 
     def __post_init__(self) -> None:
-        for each in fields(self):  # pyright: ignore[reportArgumentType]
-            value, bounds = getattr(self, each.name), each.metadata.get(BOUNDS, Bounds())
+        for field_ in fields(self):  # pyright: ignore[reportArgumentType]
+            value, bounds = getattr(self, field_.name), field_.metadata.get(BOUNDS, Bounds())
             if isinstance(bounds, tuple):
                 if value not in bounds:
-                    raise choices(each.name, value, bounds)
+                    raise unknown_choice(field_.name, value, bounds)
                 continue
             several = isinstance(value, tuple)
-            for one in value if several else (value,):
-                if isinstance(one, bool):
-                    require(each.type is bool, each.name, value, "a number")
-                elif isinstance(one, int | float):
-                    bounds.check(each.name, value, one)
-            require(not several or len(value) <= ITEMS, each.name, value, f"at most {ITEMS} of them")
+            for number in value if several else (value,):
+                if isinstance(number, bool):
+                    require(field_.type is bool, field_.name, value, "a number")
+                elif isinstance(number, int | float):
+                    bounds.check(field_.name, value, number)
+            require(
+                not several or len(value) <= MOST_ITEMS, field_.name, value, f"at most {MOST_ITEMS} of them"
+            )
         self.check()
 
     def check(self) -> None:
         """Raises ArgumentError for values that cannot be combined."""
 
 
-def values(config: Any, acting: bool | None = None, within: bool = False) -> dict[str, Any]:
-    """Fields as nested mappings: all, or only those that do (or do not) affect `acting`; `within`: all do."""
-    found: dict[str, Any] = {}
-    for each in fields(config):
-        value, acts = getattr(config, each.name), within or each.metadata.get(ACTING, False)
+def values(config: Any, acting: bool | None = None, all_acting: bool = False) -> dict[str, Any]:
+    """Fields as nested mappings: all, or those that do (or do not) affect `acting`; `all_acting`: all do."""
+    result: dict[str, Any] = {}
+    for field_ in fields(config):
+        value, affects_acting = getattr(config, field_.name), all_acting or field_.metadata.get(ACTING, False)
         if is_dataclass(value):
-            inner = values(value, acting, acts)
-            found |= {each.name: inner} if inner else {}
-        elif acting is None or acts == acting:
-            found[each.name] = value
-    return found
+            inner = values(value, acting, affects_acting)
+            result |= {field_.name: inner} if inner else {}
+        elif acting is None or affects_acting == acting:
+            result[field_.name] = value
+    return result
 
 
-def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Recursive merge of two mappings; values of `other` win."""
-    found = dict(one)
-    for key, value in other.items():
-        both = isinstance(value, Mapping) and isinstance(found.get(key), Mapping)
-        found[key] = merged(found[key], value) if both else value
-    return found
+def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Recursive merge of two mappings; values of `override` win."""
+    result = dict(base)
+    for key, value in override.items():
+        are_mappings = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
+        result[key] = merged(result[key], value) if are_mappings else value
+    return result

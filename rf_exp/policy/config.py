@@ -13,26 +13,26 @@ from importlib import import_module
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
-from rf_exp.artifacts import read_values, without
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.artifacts import drop_defaults, read_values
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, require, values
 from rf_exp.types import LARGEST_PX
 
 # Version of everything from demonstrations to weights; raise it whenever a training yields other weights.
 LEARNER = 10
 MODEL = "model.safetensors"  # in the folder of a policy, once training has finished
-CELL = 4  # pixels of the downsampled picture per cell of a heat map
-SMALLEST_CROP = 8  # pixels
+CELL_PX = 4  # pixels of the downsampled picture per cell of a heat map
+SMALLEST_CROP_PX = 8  # pixels
 # Keys added after policies were released, with their neutral values, which are left out of identities.
-LATER: Mapping[str, Any] = {
+LATER_DEFAULTS: Mapping[str, Any] = {
     "start_offset_rad": 0.0,
     "goal_gate": False,
     "acting": {"homing": False, "regrasp_step_m": 0.0},
     "encoder": {"keypoints": {"dilations": (1, 2, 4)}},
 }
-CODE = "code"  # key of `policy`: a module that registers encoders or heads; not stored with a policy
-HOW = ("device", "log_every", "checkpoint_every")  # training keys that do not affect the result
-BUDGET = ("epochs", "steps")  # training keys: length of the last fit; the other fits define their own
+CODE_KEY = "code"  # key of `policy`: a module that registers encoders or heads; not stored with a policy
+NON_IDENTITY_KEYS = ("device", "log_every", "checkpoint_every")  # training keys that do not affect the result
+BUDGET_KEYS = ("epochs", "steps")  # training keys: length of the last fit; the other fits define their own
 
 
 class PartConfig(Checked):
@@ -86,20 +86,20 @@ class KeypointsConfig(EncoderConfig):
     rate: float = bounded(1e3, above=0)  # learning rate of that fit, as a multiple of the training's
     shift_px: int = bounded(LARGEST_PX, least=0)  # largest random shift of pictures in that fit, either way
     photometric: float = bounded(2, least=0)  # strength of photometric augmentation in that fit; 0: none
-    # Dilation of each 3x3 convolution, cells; their sum is the reach of the receptive field to each side.
     dilations: tuple[int, ...] = bounded(64, least=1, expected="whole numbers from 1 to 64")
+    # Dilation of each 3x3 convolution, cells; their sum is the reach of the receptive field to each side.
 
     def check_in(self, policy: "PolicyConfig") -> None:
-        looks = policy.context and policy.crop == 1.0
-        require(looks, "encoder", "keypoints", "context=true and crop=1 with keypoints")
-        cell = CELL * self.downsample
+        possible = policy.context and policy.crop == 1.0
+        require(possible, "encoder", "keypoints", "context=true and crop=1 with keypoints")
+        cell = CELL_PX * self.downsample
         expected = f"a multiple of {cell} with encoder keypoints and downsample={self.downsample}"
         for side in ("height", "width"):
             require(getattr(policy, side) % cell == 0, side, getattr(policy, side), expected)
-        most = min(policy.height, policy.width)
-        fits = not self.crop_refinement or SMALLEST_CROP <= self.crop_refinement <= most
-        expected = f"0, or {SMALLEST_CROP} to {most} pixels"
-        require(fits, "crop_refinement", self.crop_refinement, expected)
+        largest = min(policy.height, policy.width)
+        valid = not self.crop_refinement or SMALLEST_CROP_PX <= self.crop_refinement <= largest
+        expected = f"0, or {SMALLEST_CROP_PX} to {largest} pixels"
+        require(valid, "crop_refinement", self.crop_refinement, expected)
 
 
 class HeadConfig(PartConfig):
@@ -124,8 +124,8 @@ class DiffusionConfig(HeadConfig):
         require(policy.horizon % halvings == 0, "horizon", policy.horizon, f"a multiple of {halvings}")
         steps, most = self.inference_steps, self.train_timesteps
         require(least <= steps <= most, "inference_steps", steps, f"{least} to {most}")
-        whole = self.sampler != "ddpm" or steps == most
-        require(whole, "inference_steps", steps, f"{most} with sampler ddpm")
+        valid = self.sampler != "ddpm" or steps == most
+        require(valid, "inference_steps", steps, f"{most} with sampler ddpm")
 
 
 @dataclass(frozen=True)
@@ -148,67 +148,67 @@ class RefinedConfig(HeadConfig):
     regression_steps: int = bounded(10**9, least=0)
 
     def check_in(self, policy: "PolicyConfig") -> None:
-        clean = self.diffusion.prediction == "sample"
+        predicts_sample = self.diffusion.prediction == "sample"
         expected = "sample, where a chunk of actions is refined"
-        require(clean, "prediction", self.diffusion.prediction, expected)
+        require(predicts_sample, "prediction", self.diffusion.prediction, expected)
         self.diffusion.check_in(policy, least=0)
 
 
 @dataclass(frozen=True)
-class Kind:
+class Registration:
     """A registered encoder or head: its configuration, and its class or, to import torch late, its path."""
 
     config: type
     part: Callable[..., Any] | str
 
-    def make(self, *given: Any) -> Any:
+    def make(self, *arguments: Any) -> Any:
         """The encoder or head, from its configuration and the other arguments of its class."""
         part = self.part
         if isinstance(part, str):
             part = resolve_name(f"rf_exp.policy.networks.{part}")
-        return part(*given)
+        return part(*arguments)
 
 
-ENCODERS: dict[str, Kind] = {
-    "resnet18": Kind(ResNet18Config, "encoders:ResNet18"),
-    "compact": Kind(CompactConfig, "encoders:Compact"),
-    "keypoints": Kind(KeypointsConfig, "keypoint_encoder:KeypointEncoder"),
-    "privileged": Kind(PrivilegedConfig, "interfaces:Encoder"),
+ENCODERS: dict[str, Registration] = {
+    "resnet18": Registration(ResNet18Config, "encoders:ResNet18"),
+    "compact": Registration(CompactConfig, "encoders:Compact"),
+    "keypoints": Registration(KeypointsConfig, "keypoint_encoder:KeypointEncoder"),
+    "privileged": Registration(PrivilegedConfig, "interfaces:Encoder"),
 }
-HEADS: dict[str, Kind] = {
-    "diffusion": Kind(DiffusionConfig, "heads:DiffusionHead"),
-    "regression": Kind(RegressionConfig, "heads:RegressionHead"),
-    "refined": Kind(RefinedConfig, "heads:RefinedHead"),
+HEADS: dict[str, Registration] = {
+    "diffusion": Registration(DiffusionConfig, "heads:DiffusionHead"),
+    "regression": Registration(RegressionConfig, "heads:RegressionHead"),
+    "refined": Registration(RefinedConfig, "heads:RefinedHead"),
 }
 PARTS = {"encoder": ENCODERS, "head": HEADS}
 
 
 def add_encoder(name: str, config: type[EncoderConfig], encoder: Callable[..., Any]) -> None:
     """Register an encoder, `encoder(config, view, spec)`. Raises ArgumentError for a used or invalid name."""
-    _add("encoder", name, Kind(config, encoder))
+    _add("encoder", name, Registration(config, encoder))
 
 
 def add_head(name: str, config: type[HeadConfig], head: Callable[..., Any]) -> None:
     """Register a head, `head(config, condition, horizon, actions)`. Raises ArgumentError as `add_encoder`."""
-    _add("head", name, Kind(config, head))
+    _add("head", name, Registration(config, head))
 
 
-def _add(kind: str, name: str, part: Kind) -> None:
+def _add(kind: str, name: str, registration: Registration) -> None:
     if name in PARTS[kind] or not name.isidentifier() or name == "name":
-        why = "is there already" if name in PARTS[kind] else "is no name for a key"
-        raise ArgumentError(f"{kind} {name!r} {why}")
-    PARTS[kind][name] = part
+        reason = "is registered already" if name in PARTS[kind] else "is not a valid key"
+        raise ArgumentError(f"{kind} {name!r} {reason}")
+    PARTS[kind][name] = registration
 
 
 def name_of(part: PartConfig) -> str:
     """The registered name of an encoder or head."""
-    every = (each for kinds in PARTS.values() for each in kinds.items())
-    return next(name for name, kind in every if kind.config is type(part))
+    registered = (entry for registrations in PARTS.values() for entry in registrations.items())
+    return next(name for name, registration in registered if registration.config is type(part))
 
 
 def import_code(policy: object) -> None:
     """Import the module that a recipe names, if it names one. Raises ArgumentError where that fails."""
-    if not isinstance(policy, Mapping) or (code := policy.get(CODE)) is None:
+    if not isinstance(policy, Mapping) or (code := policy.get(CODE_KEY)) is None:
         return
     try:
         import_module(code)
@@ -223,17 +223,17 @@ def import_code(policy: object) -> None:
 class ActingConfig(Checked):
     """What a policy does with the chunks that its head samples."""
 
+    homing: bool
     # An arm moves to its rest posture, in a straight line in joint space, before its first observation and
     # after a failed grasp (fingers closed on nothing).
-    homing: bool
+    regrasp_step_m: float = bounded(0.1, least=0)
     # After a failed grasp the goal is displaced in steps of this length along the ray from the camera: a new
     # observation would repeat the error, most of which is along the ray.
-    regrasp_step_m: float = bounded(0.1, least=0)
     action_steps: int = bounded(512, above=0)  # executed before the next prediction
     deadband_rad: float = bounded(math.pi, least=0)  # chunks smaller than this move nothing
+    transition_integrator: float = bounded(1e6, least=0)
     # A waiting agent goes on once its predicted probabilities of going on, summed while the scene does not
     # change, reach this; 0: once a single one exceeds 0.5.
-    transition_integrator: float = bounded(1e6, least=0)
 
 
 @dataclass(frozen=True)
@@ -252,84 +252,89 @@ class PolicyConfig(Checked):
     horizon: int = bounded(512, above=0)  # actions in a chunk, the first at the oldest observation
     observation_steps: int = bounded(64, above=0)
     phase_dropout: float = bounded(least=0, below=1)
-    # Standard deviation on normalised joint positions in training, one draw per window.
     proprio_noise: float = bounded(1e3, least=0)
-    # Standard deviation of start offsets of each joint in training, see `rf_exp.policy.examples.starts`.
+    # Standard deviation on normalised joint positions in training, one draw per window.
     start_offset_rad: float = bounded(1.0, least=0)
-    # Side of the crop, as a fraction of the picture's.
+    # Standard deviation of start offsets of each joint in training, see `rf_exp.policy.examples.starts`.
     crop: float = bounded(1, above=0, expected="a number above 0, at most 1")
+    # Side of the crop, as a fraction of the picture's.
     height: int = bounded(LARGEST_PX, above=0)  # pixels
     width: int = bounded(LARGEST_PX, above=0)
 
     def check(self) -> None:
         for name in ("phases", "task_space_actions"):
-            needs = self.context or not getattr(self, name)
-            require(needs, "context", self.context, f"true with {name}")
-        told = self.context or not self.acting.homing  # without context the spec has no rest postures
-        require(told, "context", self.context, "true with acting.homing")
-        searches = self.acting.regrasp_step_m
-        possible = self.acting.homing and self.goal_gate
+            valid = self.context or not getattr(self, name)
+            require(valid, "context", self.context, f"true with {name}")
+        can_home = self.context or not self.acting.homing  # without context the spec has no rest postures
+        require(can_home, "context", self.context, "true with acting.homing")
+        step_m = self.acting.regrasp_step_m
+        can_search = self.acting.homing and self.goal_gate
         require(
-            possible or not searches,
+            can_search or not step_m,
             "acting.regrasp_step_m",
-            searches,
+            step_m,
             "0 without acting.homing and goal_gate",
         )
-        seen = self.encoder.keypoints or not self.start_offset_rad  # pictures cannot be shifted along
-        require(seen, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
-        gated = self.encoder.keypoints and self.relative_actions and self.task_space_actions
+        can_offset = self.encoder.keypoints or not self.start_offset_rad  # pictures cannot be shifted along
+        require(can_offset, "start_offset_rad", self.start_offset_rad, "0 but with encoder keypoints")
+        can_gate = self.encoder.keypoints and self.relative_actions and self.task_space_actions
         expected = "false but with encoder keypoints, relative_actions and task_space_actions"
-        require(gated or not self.goal_gate, "goal_gate", self.goal_gate, expected)
+        require(can_gate or not self.goal_gate, "goal_gate", self.goal_gate, expected)
         self.encoder.check_in(self)
         self.head.check_in(self)
-        longest = self.horizon - self.observation_steps + 1
-        steps = self.acting.action_steps
-        require(steps <= longest, "action_steps", steps, f"at most {longest}")
+        most = self.horizon - self.observation_steps + 1
+        executed = self.acting.action_steps
+        require(executed <= most, "action_steps", executed, f"at most {most}")
 
     @staticmethod
     def read(*nodes: Mapping[str, Any]) -> "PolicyConfig":
-        """From a recipe, or `learned` and `acted`; later values win. Raises ArgumentError naming the key."""
-        if wrong := [each for each in nodes if not isinstance(each, Mapping)]:
-            raise ArgumentError(f"policy is {wrong[0]!r}; expected keys below it")
-        node = reduce(merged, nodes, LATER)
+        """From a recipe, or `training_values` and `acting_values`; later values win.
+
+        Raises ArgumentError naming the key.
+        """
+        if invalid := [each for each in nodes if not isinstance(each, Mapping)]:
+            raise ArgumentError(f"policy is {invalid[0]!r}; expected keys below it")
+        node = reduce(merged, nodes, LATER_DEFAULTS)
         parts = {kind: _read_part(kind, node.get(kind)) for kind in PARTS}
         return read_values(PolicyConfig, {**node, **parts}, "policy.")
 
     @property
     def identity(self) -> dict[str, Any]:
-        """All values, nested as in a recipe, but for neutral ones of `LATER`."""
+        """All values, nested as in a recipe, but for neutral ones of `LATER_DEFAULTS`."""
         return self._values(None)
 
     @property
-    def whole(self) -> dict[str, Any]:
-        """All values, those of `LATER` included, for comparison with other recipes."""
+    def complete(self) -> dict[str, Any]:
+        """All values, those of `LATER_DEFAULTS` included, for comparison with other recipes."""
         return self._values(None, {})
 
     @property
-    def learned(self) -> dict[str, Any]:
+    def training_values(self) -> dict[str, Any]:
         """The values that determine the weights."""
         return self._values(False)
 
     @property
-    def acted(self) -> dict[str, Any]:
+    def acting_values(self) -> dict[str, Any]:
         """The values that affect acting only."""
         return self._values(True)
 
-    def _values(self, acting: bool | None, unsaid: Mapping[str, Any] = LATER) -> dict[str, Any]:
-        found = values(self, acting)
+    def _values(self, acting: bool | None, omitted: Mapping[str, Any] = LATER_DEFAULTS) -> dict[str, Any]:
+        result = values(self, acting)
         for kind in PARTS:
-            part, fields_of = getattr(self, kind), found.pop(kind, {})
-            own = {key: value for key, value in fields_of.items() if not is_dataclass(getattr(part, key))}
-            inner = {key: value for key, value in fields_of.items() if key not in own}
+            part, section = getattr(self, kind), result.pop(kind, {})
+            own_fields = {
+                key: value for key, value in section.items() if not is_dataclass(getattr(part, key))
+            }
+            nested = {key: value for key, value in section.items() if key not in own_fields}
             name = name_of(part)
-            said = ({} if acting else {"name": name}) | ({name: own} if own else {}) | inner
-            found |= {kind: said} if said else {}
-        return _without(found, unsaid)
+            entry = ({} if acting else {"name": name}) | ({name: own_fields} if own_fields else {}) | nested
+            result |= {kind: entry} if entry else {}
+        return _without(result, omitted)
 
     def acting_as(self, other: "PolicyConfig") -> "PolicyConfig":
         """This policy with the acting values of another one with the same encoder and head."""
-        unsaid = {"acting": LATER["acting"]}  # `acted` omits these
-        return PolicyConfig.read(self.identity, unsaid, other.acted)
+        defaults = {"acting": LATER_DEFAULTS["acting"]}  # `acting_values` omits these
+        return PolicyConfig.read(self.identity, defaults, other.acting_values)
 
     @property
     def observation(self) -> str:
@@ -341,33 +346,37 @@ class PolicyConfig(Checked):
         return round(self.crop * height), round(self.crop * width)
 
 
-def _without(found: Mapping[str, Any], nothing: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values without those that equal the neutral ones in `nothing`."""
-    inner = [key for key, each in nothing.items() if isinstance(each, Mapping) and key in found]
-    return without({**found, **{key: _without(found[key], nothing[key]) for key in inner}}, **nothing)
+def _without(mapping: Mapping[str, Any], neutral: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values without those that equal the neutral ones in `neutral`."""
+    nested = [key for key, value in neutral.items() if isinstance(value, Mapping) and key in mapping]
+    return drop_defaults(
+        {**mapping, **{key: _without(mapping[key], neutral[key]) for key in nested}}, **neutral
+    )
 
 
 def read_recipe(node: Mapping[str, Any], picture: Mapping[str, int]) -> PolicyConfig:
     """The policy of a user's recipe; imports the module that it names, if any."""
     import_code(node)
-    return PolicyConfig.read({key: value for key, value in node.items() if key != CODE}, picture)
+    return PolicyConfig.read({key: value for key, value in node.items() if key != CODE_KEY}, picture)
 
 
 def policy_keys() -> dict[str, Any]:
     """The nested keys of `policy` in a recipe, with a section for each registered encoder and head."""
-    found: dict[str, Any] = {CODE: None}
-    for each in fields(PolicyConfig):
-        if each.name in PARTS:
-            sections = {name: _own_keys(kind.config) for name, kind in PARTS[each.name].items()}
-            found[each.name] = {"name": None, **{name: own for name, own in sections.items() if own}}
-        elif each.name not in ("height", "width"):  # these come from `picture`
-            found[each.name] = _own_keys(each.type) if is_dataclass(each.type) else None
-    return found
+    keys: dict[str, Any] = {CODE_KEY: None}
+    for field_ in fields(PolicyConfig):
+        if field_.name in PARTS:
+            sections = {
+                name: _own_keys(registration.config) for name, registration in PARTS[field_.name].items()
+            }
+            keys[field_.name] = {"name": None, **{name: own for name, own in sections.items() if own}}
+        elif field_.name not in ("height", "width"):  # these come from `picture`
+            keys[field_.name] = _own_keys(field_.type) if is_dataclass(field_.type) else None
+    return keys
 
 
 def _own_keys(config: Any) -> dict[str, None]:
     """Keys of a configuration, but for parts that have a section of their own."""
-    return {each.name: None for each in fields(config) if not is_dataclass(each.type)}
+    return {field_.name: None for field_ in fields(config) if not is_dataclass(field_.type)}
 
 
 def _read_part(kind: str, node: object) -> Any:
@@ -376,15 +385,17 @@ def _read_part(kind: str, node: object) -> Any:
     if not isinstance(node, Mapping) or not isinstance(name, str):
         raise ArgumentError(f"policy.{kind} is {node!r}; expected a mapping with a name")
     if name not in PARTS[kind]:
-        raise choices(kind, name, PARTS[kind])
-    config, own = PARTS[kind][name].config, node.get(name, {})
-    if not isinstance(own, Mapping):
-        raise ArgumentError(f"policy.{kind}.{name} is {own!r}; expected a mapping")
-    inner: dict[str, Any] = {each.name: each.type for each in fields(config) if is_dataclass(each.type)}
-    parts = {
-        key: read_values(part, node.get(key, {}), f"policy.{kind}.{key}.") for key, part in inner.items()
+        raise unknown_choice(kind, name, PARTS[kind])
+    config, section = PARTS[kind][name].config, node.get(name, {})
+    if not isinstance(section, Mapping):
+        raise ArgumentError(f"policy.{kind}.{name} is {section!r}; expected a mapping")
+    nested: dict[str, Any] = {
+        field_.name: field_.type for field_ in fields(config) if is_dataclass(field_.type)
     }
-    return read_values(config, {**own, **parts}, f"policy.{kind}.{name}.")
+    parts = {
+        key: read_values(part, node.get(key, {}), f"policy.{kind}.{key}.") for key, part in nested.items()
+    }
+    return read_values(config, {**section, **parts}, f"policy.{kind}.{name}.")
 
 
 @dataclass(frozen=True)
@@ -394,8 +405,8 @@ class TrainConfig(Checked):
     epochs: int | None = bounded(10**6, above=0)
     steps: int | None = bounded(10**9, above=0)
     batch_size: int = bounded(2**16, above=0)  # windows
-    # Fraction of a batch drawn from windows in which an own agent may go on.
     active_agent_sampling: float = bounded(1, least=0)
+    # Fraction of a batch drawn from windows in which an own agent may go on.
     run_length: int = bounded(2**16, above=0)  # consecutive windows drawn together, encoded once
     learning_rate: float = bounded(math.inf, above=0)
     betas: tuple[float, float] = bounded(least=0, below=1, expected="two numbers in [0, 1)")
@@ -410,22 +421,22 @@ class TrainConfig(Checked):
     seed: int = 0  # `train_seed` of an experiment
 
     def check(self) -> None:
-        given = {name: value for name in BUDGET if (value := getattr(self, name)) is not None}
-        require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
+        budget = {name: value for name in BUDGET_KEYS if (value := getattr(self, name)) is not None}
+        require(len(budget) == 1, "the training budget", budget, "exactly one of epochs and steps")
         require(0 <= self.seed < 2**32, "seed", self.seed, f"0 to {2**32 - 1}")
 
     @staticmethod
     def read(identity: Mapping[str, Any]) -> "TrainConfig":
         """The inverse of `identity`. Raises ArgumentError naming the key."""
-        how = {"device": "auto", "log_every": 1, "checkpoint_every": 1}
-        return read_values(TrainConfig, {**how, **identity}, "training.")
+        defaults = {"device": "auto", "log_every": 1, "checkpoint_every": 1}
+        return read_values(TrainConfig, {**defaults, **identity}, "training.")
 
     @property
     def identity(self) -> dict[str, Any]:
         """The fields that affect the result."""
-        return {name: value for name, value in values(self).items() if name not in HOW}
+        return {name: value for name, value in values(self).items() if name not in NON_IDENTITY_KEYS}
 
     @property
-    def pace(self) -> dict[str, Any]:
+    def settings_without_budget(self) -> dict[str, Any]:
         """Those of them that affect the result of a fit with its own number of steps."""
-        return {name: value for name, value in self.identity.items() if name not in BUDGET}
+        return {name: value for name, value in self.identity.items() if name not in BUDGET_KEYS}

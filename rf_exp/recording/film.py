@@ -11,11 +11,11 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene
 from rf_exp.viz import HOLDS, VIOLATED, Film, agent_colour, text
-from rf_exp.viz.frames import INK, SOFT, Line, Mark, frame
+from rf_exp.viz.frames import FAINT_INK, INK, Line, Mark, frame
 
-EVERY = 4  # control steps from one frame to the next
-RATE = 2 * CONTROL_HZ // EVERY  # frames per second: twice real time
-REST_FRAMES = 2 * RATE  # for which the last picture stays
+STEPS_PER_FRAME = 4  # control steps from one frame to the next
+FRAMES_PER_SECOND = 2 * CONTROL_HZ // STEPS_PER_FRAME  # frames per second: twice real time
+FINAL_FRAMES = 2 * FRAMES_PER_SECOND  # for which the last picture stays
 HEIGHT_PX = 240  # of the global view
 QUALITY = 28  # see Film
 
@@ -28,7 +28,7 @@ class RolloutFilm(Film):
     """
 
     def __init__(self, path: Path, picture: Path, task: Task, world: Simulator) -> None:
-        super().__init__(path, RATE, QUALITY)
+        super().__init__(path, FRAMES_PER_SECOND, QUALITY)
         self._picture, self._world = picture, world
         self._last: RolloutStep | None = None
 
@@ -38,15 +38,15 @@ class RolloutFilm(Film):
     def rolled(self, step: RolloutStep) -> None:
 
         self._last = step
-        if step.scene.step % EVERY == 0:
+        if step.scene.step % STEPS_PER_FRAME == 0:
             self.add(self._frame(step, ""))
 
     def ended(self, result: Rollout) -> None:
         """Adds and saves the last step, with the outcome."""
         assert self._last is not None  # a rollout has at least one step
-        last = self._frame(self._last, ", succeeded" if result.success else ", failed")
-        self.add(last, REST_FRAMES)
-        Image.fromarray(last).save(self._picture)
+        picture = self._frame(self._last, ", succeeded" if result.success else ", failed")
+        self.add(picture, FINAL_FRAMES)
+        Image.fromarray(picture).save(self._picture)
 
     def _frame(self, step: RolloutStep, ending: str) -> NDArray[np.uint8]:
         title = f"{step.scene.step * CONTROL_DT_S:.1f} s{ending}"
@@ -61,17 +61,21 @@ def _lines(step: RolloutStep) -> list[Line]:
     """
     lines, verdict = [], step.verdict
     for name, holds in verdict.evidence.items():
-        found = verdict.measured.get(name)
-        number = f": {text.measured(found, 2)}, asked {found.asked}" if found is not None else ""
-        lines.append(Line(f"{name}{number}", HOLDS if holds else VIOLATED, INK if holds else SOFT))
+        measured = verdict.measured.get(name)
+        suffix = (
+            f": {text.measured(measured, 2)}, asked {measured.requirement}" if measured is not None else ""
+        )
+        lines.append(Line(f"{name}{suffix}", HOLDS if holds else VIOLATED, INK if holds else FAINT_INK))
     if step.withheld is not None:
-        said = text.withheld(step.withheld)
-        lines.append(Line(said, VIOLATED if step.withheld else HOLDS, INK if step.withheld else SOFT))
+        shield_text = text.withheld(step.withheld)
+        lines.append(
+            Line(shield_text, VIOLATED if step.withheld else HOLDS, INK if step.withheld else FAINT_INK)
+        )
     return lines
 
 
-def follow(world: Simulator, step: RolloutStep) -> None:
+def show_measured_state(world: Simulator, step: RolloutStep) -> None:
     """Puts arms and objects of another simulator at the poses measured in a step; nothing is simulated."""
     poses = {**step.scene.poses, **step.scene.clutter}
-    placed = {name: np.array(position_and_quaternion(pose)) for name, pose in poses.items()}
-    world.place(step.scene.qpos, placed)
+    object_poses = {name: np.array(position_and_quaternion(pose)) for name, pose in poses.items()}
+    world.place(step.scene.qpos, object_poses)

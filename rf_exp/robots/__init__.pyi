@@ -1,11 +1,11 @@
-from .known import DEFAULT as DEFAULT
-from .known import add_robot as add_robot
-from .known import known_robots as known_robots
-from .known import robot_named as robot_named
 from .meshes import cache_folder as cache_folder
-from .meshes import is_made as is_made
-from .meshes import light_urdf as light_urdf
+from .meshes import has_simplified_meshes as has_simplified_meshes
+from .meshes import simplified_urdf as simplified_urdf
 from .mounted import Mounted as Mounted
+from .registry import DEFAULT as DEFAULT
+from .registry import add_robot as add_robot
+from .registry import known_robots as known_robots
+from .registry import robot_named as robot_named
 from .robot import Arm as Arm
 from .robot import Drive as Drive
 from .robot import Finger as Finger

@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.robots import urdf
 from rf_exp.transforms import from_axes
 from rf_exp.types import fingers_of
@@ -27,10 +27,10 @@ Floats = NDArray[np.float64]
 
 STARTS = 8
 STEPS = 60
-LONGEST_RAD = 0.5  # largest change of a joint in a step
+MAX_STEP_RAD = 0.5  # largest change of a joint in a step
 DAMPING = 1e-3
-CLOSE = 1e-8  # m and rad, tolerance of convergence
-SAME_RAD = 1e-4  # postures closer than this are the same
+TOLERANCE = 1e-8  # m and rad, tolerance of convergence
+DUPLICATE_RAD = 1e-4  # postures closer than this are the same
 
 
 @cache
@@ -52,7 +52,7 @@ class Chain:
         frames = {frame.name: frame for frame in model.frames if frame.type == pin.FrameType.BODY}
         for frame in (robot.hand.tcp, robot.hand.link, *(finger.link for finger in robot.hand.fingers)):
             if frame not in frames:
-                raise choices(f"link of robot {robot.name!r}", frame, frames)
+                raise unknown_choice(f"link of robot {robot.name!r}", frame, frames)
         self._axes = urdf.axes(robot)
         self._tcp = frames[robot.hand.tcp].parentJoint
         self._arm: list[int] = []  # from the base to the TCP
@@ -62,41 +62,45 @@ class Chain:
             joint = parents[joint]
         self.dof = len(self._arm)
         first, last = self._arm[0], self._arm[-1]  # NumPy is faster with slices
-        row = len(self._arm) == last + 1 - first
-        self._turning = slice(first, last + 1) if row else self._arm
-        found = tuple(names[joint] for joint in self._arm)
-        if found != robot.joints or any(self._axes[name].slides for name in found):
+        contiguous = len(self._arm) == last + 1 - first
+        self._revolute = slice(first, last + 1) if contiguous else self._arm
+        joint_names = tuple(names[joint] for joint in self._arm)
+        if joint_names != robot.joints or any(self._axes[name].is_prismatic for name in joint_names):
             raise ArgumentError(
-                f"robot {robot.name!r} has the joints {', '.join(found)} between its base and "
+                f"robot {robot.name!r} has the joints {', '.join(joint_names)} between its base and "
                 f"{robot.hand.tcp}; expected revolute ones: {', '.join(robot.joints)}"
             )
-        self.limits_rad = np.array([self._axes[name].limits for name in found]).T
+        self.limits_rad = np.array([self._axes[name].limits for name in joint_names]).T
         for joint in (joint for finger in robot.hand.fingers for joint in finger.joints):
             if joint not in names:
-                raise choices(f"joint of the hand of robot {robot.name!r}", joint, names[1:])
-        self._turned = list[tuple[int, int, "Finger"]]()  # revolute finger joints, and their finger
-        self._slid = list[tuple[int, int, "Finger", int, float]]()  # prismatic ones, with axis components
+                raise unknown_choice(f"joint of the hand of robot {robot.name!r}", joint, names[1:])
+        self._revolute_fingers = list[tuple[int, int, "Finger"]]()  # revolute finger joints, and their finger
+        self._prismatic_fingers = list[
+            tuple[int, int, "Finger", int, float]
+        ]()  # prismatic ones, with axis components
         for k, finger in enumerate(robot.hand.fingers):
             for joint in finger.joints:
-                axis, number = self._axes[joint], names.index(joint)
-                if not axis.slides:
-                    self._turned.append((number, k, finger))
-                for along in np.flatnonzero(axis.direction) if axis.slides else ():
-                    self._slid.append((number, k, finger, int(along), float(axis.direction[along])))
+                axis, index = self._axes[joint], names.index(joint)
+                if not axis.is_prismatic:
+                    self._revolute_fingers.append((index, k, finger))
+                for component in np.flatnonzero(axis.direction) if axis.is_prismatic else ():
+                    self._prismatic_fingers.append(
+                        (index, k, finger, int(component), float(axis.direction[component]))
+                    )
         # Frames are rotated so that every revolute joint turns about z, and all are computed alike.
-        turns = [
-            np.eye(4) if axis is None or axis.slides else _z_along(axis.direction)
+        rotations = [
+            np.eye(4) if axis is None or axis.is_prismatic else _z_along(axis.direction)
             for axis in (self._axes.get(name) for name in names)
         ]
         self._parents = parents
         self._placements = [
-            turns[parent].T @ placement.homogeneous @ turns[joint]
+            rotations[parent].T @ placement.homogeneous @ rotations[joint]
             for joint, (parent, placement) in enumerate(zip(parents, model.jointPlacements, strict=True))
         ]
         links = [frames[name] for name in (*robot.links, robot.hand.tcp)]
         self._joint_of = np.array([frame.parentJoint for frame in links])
         self._from_joint = np.stack(
-            [turns[frame.parentJoint].T @ frame.placement.homogeneous for frame in links]
+            [rotations[frame.parentJoint].T @ frame.placement.homogeneous for frame in links]
         )
 
     def link_poses(self, qpos: NDArray[np.floating]) -> Floats:
@@ -122,13 +126,13 @@ class Chain:
         """base_from_joint (..., joints + 1, 4, 4), 0 being the base; only joints of `chain` are filled in."""
         motions = np.zeros((*qpos.shape[:-1], len(self._parents), 4, 4))
         motions[..., range(4), range(4)] = 1.0
-        _turn(motions, self._turning, qpos[..., : self.dof])
+        _set_rotation(motions, self._revolute, qpos[..., : self.dof])
         if len(chain) > self.dof:
             fingers = fingers_of(qpos)
-            for joint, k, finger, along, share in self._slid:
-                motions[..., joint, along, 3] = share * finger.position(fingers[..., k])
-            for joint, k, finger in self._turned:
-                _turn(motions, joint, finger.position(fingers[..., k]))
+            for joint, k, finger, component, scale in self._prismatic_fingers:
+                motions[..., joint, component, 3] = scale * finger.position(fingers[..., k])
+            for joint, k, finger in self._revolute_fingers:
+                _set_rotation(motions, joint, finger.position(fingers[..., k]))
         poses = np.empty_like(motions)
         poses[..., 0, :, :] = np.eye(4)
         for joint in chain:
@@ -140,7 +144,7 @@ class Chain:
 chain_of = cache(Chain)  # one per robot
 
 
-def _turn(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) -> None:
+def _set_rotation(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) -> None:
     motions[..., joints, 0, 0] = motions[..., joints, 1, 1] = np.cos(angles_rad)
     motions[..., joints, 1, 0] = np.sin(angles_rad)
     motions[..., joints, 0, 1] = -motions[..., joints, 1, 0]
@@ -150,15 +154,15 @@ def _z_along(direction: Floats) -> Floats:
     """Rotation (4, 4) of the z axis to a direction; identity for the z axis itself."""
     if np.array_equal(direction, (0.0, 0.0, 1.0)):
         return np.eye(4)
-    square = np.eye(3)[np.abs(direction).argmin()]
-    return from_axes((0.0, 0.0, 0.0), z=direction, y=square)
+    perpendicular = np.eye(3)[np.abs(direction).argmin()]
+    return from_axes((0.0, 0.0, 0.0), z=direction, y=perpendicular)
 
 
 class Numeric:
     """Numerical `rf_exp.robots.Inverse`. Branch k is the posture found from start k, unless found earlier."""
 
     def __init__(self, robot: "Robot") -> None:
-        self.branches, self.other = STARTS, np.arange(STARTS)
+        self.branches, self.opposite_branch = STARTS, np.arange(STARTS)
         self._chain, self._free = chain_of(robot), 6  # number of joints to solve for
         low, high = self._chain.limits_rad
         rest = np.array(robot.rest_rad)
@@ -169,58 +173,58 @@ class Numeric:
 
     def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
         pose, last = np.asarray(base_from_tcp, dtype=float), np.asarray(last_rad, dtype=float)
-        spare = self._chain.dof > self._free
+        redundant = self._chain.dof > self._free
         shape = np.broadcast_shapes(pose.shape[:-2], last.shape)
-        goals = np.broadcast_to(pose, (*shape, 4, 4)) if spare else pose
-        starts = np.broadcast_to(self._turned(goals), (*goals.shape[:-2], *self._starts.shape)).copy()
-        if spare:
+        goals = np.broadcast_to(pose, (*shape, 4, 4)) if redundant else pose
+        starts = np.broadcast_to(self._starts_towards(goals), (*goals.shape[:-2], *self._starts.shape)).copy()
+        if redundant:
             starts[..., -1] = np.broadcast_to(last, shape)[..., None]
         flat = starts.reshape(-1, self._chain.dof)
-        wanted = np.broadcast_to(goals[..., None, :, :], (*starts.shape[:-1], 4, 4)).reshape(-1, 4, 4)
-        found = self._solved(flat, wanted, limits_rad).reshape(starts.shape)
+        flat_goals = np.broadcast_to(goals[..., None, :, :], (*starts.shape[:-1], 4, 4)).reshape(-1, 4, 4)
+        solutions = self._solve(flat, flat_goals, limits_rad).reshape(starts.shape)
         # Remove postures that an earlier start has found.
-        away = np.abs(found[..., :, None, :] - found[..., None, :, :]).max(axis=-1)
-        found[((away < SAME_RAD) & np.tri(STARTS, k=-1, dtype=bool)).any(axis=-1)] = np.nan
-        return np.broadcast_to(found, (*shape, *found.shape[-2:])).copy()
+        difference_rad = np.abs(solutions[..., :, None, :] - solutions[..., None, :, :]).max(axis=-1)
+        solutions[((difference_rad < DUPLICATE_RAD) & np.tri(STARTS, k=-1, dtype=bool)).any(axis=-1)] = np.nan
+        return np.broadcast_to(solutions, (*shape, *solutions.shape[-2:])).copy()
 
-    def facing(self, base_from_tcp: Floats) -> Floats:
+    def preferred_last_rad(self, base_from_tcp: Floats) -> Floats:
         """See `Inverse`: the last joint of the posture reached from rest, turned towards the pose."""
         pose = np.asarray(base_from_tcp, dtype=float)
-        start = self._turned(pose)[..., 0, :]
+        start = self._starts_towards(pose)[..., 0, :]
         if self._chain.dof == self._free:
             return start[..., -1]
-        flat, goals = start.reshape(-1, start.shape[-1]).copy(), pose.reshape(-1, 4, 4)
+        joints, goals = start.reshape(-1, start.shape[-1]).copy(), pose.reshape(-1, 4, 4)
         for _ in range(STEPS):
-            flat += self._step(flat, goals, self._chain.dof)
+            joints += self._step(joints, goals, self._chain.dof)
         low, high = self._chain.limits_rad[:, -1]
-        return np.clip(flat[:, -1], low, high).reshape(start.shape[:-1])
+        return np.clip(joints[:, -1], low, high).reshape(start.shape[:-1])
 
-    def _turned(self, pose: Floats) -> Floats:
+    def _starts_towards(self, pose: Floats) -> Floats:
         """Starts (..., STARTS, dof) with the first joint turned towards poses (..., 4, 4)."""
         towards = np.arctan2(pose[..., 1, 3], pose[..., 0, 3]) - self._ahead_rad
         starts = np.broadcast_to(self._starts, (*pose.shape[:-2], *self._starts.shape)).copy()
         starts[..., 0] += (towards - self._starts[0, 0])[..., None]
         return starts
 
-    def _solved(self, joints: Floats, goals: Floats, limits_rad: Floats) -> Floats:
+    def _solve(self, joints: Floats, goals: Floats, limits_rad: Floats) -> Floats:
         """Joints (K, dof) for goals (K, 4, 4), from the starts `joints` (K, dof); NaN where not found."""
-        open_ = np.arange(len(joints))
-        found = np.full_like(joints, np.nan)
+        active = np.arange(len(joints))
+        solutions = np.full_like(joints, np.nan)
         for _ in range(STEPS):
-            step = self._step(joints[open_], goals[open_], self._free)
-            joints[open_] += step
-            still = np.abs(step).max(axis=1, initial=0.0) >= CLOSE
-            found[open_[~still]] = joints[open_[~still]]
-            open_ = open_[still]
-            if not len(open_):
+            step = self._step(joints[active], goals[active], self._free)
+            joints[active] += step
+            moving = np.abs(step).max(axis=1, initial=0.0) >= TOLERANCE
+            solutions[active[~moving]] = joints[active[~moving]]
+            active = active[moving]
+            if not len(active):
                 break
-        away = np.abs(_error(self._chain.tcp_pose(np.nan_to_num(found)), goals)).max(axis=1)
+        error = np.abs(_error(self._chain.tcp_pose(np.nan_to_num(solutions)), goals)).max(axis=1)
         low, high = limits_rad
-        turns = np.where(found > high, np.ceil((found - high) / (2 * np.pi)), 0.0)
-        turns = np.where(found < low, -np.ceil((low - found) / (2 * np.pi)), turns)
-        found -= 2 * np.pi * turns  # whole turns, back into the limits
-        found[(away > CLOSE) | ((found < low) | (found > high)).any(axis=1)] = np.nan
-        return found
+        turns = np.where(solutions > high, np.ceil((solutions - high) / (2 * np.pi)), 0.0)
+        turns = np.where(solutions < low, -np.ceil((low - solutions) / (2 * np.pi)), turns)
+        solutions -= 2 * np.pi * turns  # whole turns, back into the limits
+        solutions[(error > TOLERANCE) | ((solutions < low) | (solutions > high)).any(axis=1)] = np.nan
+        return solutions
 
     def _step(self, joints: Floats, goals: Floats, free: int) -> Floats:
         """Damped Newton step (K, dof) in rad towards the goals, of the first `free` joints."""
@@ -230,7 +234,7 @@ class Numeric:
         damping = DAMPING * np.minimum(1.0, (error**2).sum(axis=1))
         square = jacobian @ np.swapaxes(jacobian, 1, 2) + (damping + 1e-12)[:, None, None] * np.eye(6)
         step = np.swapaxes(jacobian, 1, 2) @ np.linalg.solve(square, error[..., None])
-        longest = np.maximum(np.abs(step).max(axis=1, keepdims=True) / LONGEST_RAD, 1.0)
+        longest = np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_STEP_RAD, 1.0)
         moved = np.zeros_like(joints)
         moved[:, :free] = (step / longest)[..., 0]
         return moved

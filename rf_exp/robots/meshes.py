@@ -20,16 +20,16 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.visual import TextureVisuals
 
-from rf_exp.robots.mounted import cache_home, cached
+from rf_exp.robots.mounted import build_cached, cache_home
 from rf_exp.robots.urdf import placement, root_of, shape
 from rf_exp.transforms import apply
 
 if TYPE_CHECKING:
     from rf_exp.robots.robot import Robot
 
-KEPT = 0.058  # share of the triangles that is kept
-FEWEST = 60  # no piece is reduced below this number of triangles
-CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells show through black ones
+KEPT_SHARE = 0.058  # share of the triangles that is kept
+MIN_TRIANGLES = 60  # no piece is reduced below this number of triangles
+AGGRESSIVENESS = 3  # of the simplification, 0 to 10; at the default of 7 white shells show through black ones
 SMOOTH_RAD = np.deg2rad(20)  # sharper edges are not shaded smooth
 GLB = ".glb"
 GREY = (0.5, 0.5, 0.5)  # linear RGB of visuals without a colour
@@ -44,7 +44,11 @@ def cache_folder(robot: "Robot") -> Path:
     Raises StageError for a user without a home folder.
     """
     urdf = robot.urdf_path
-    digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(urdf.parent))).encode())
+    digest = hashlib.sha256(
+        repr(
+            (KEPT_SHARE, MIN_TRIANGLES, AGGRESSIVENESS, float(SMOOTH_RAD), LAYOUT, str(urdf.parent))
+        ).encode()
+    )
     visuals = {mesh.attrib["filename"] for mesh in root_of(robot).iterfind("link/visual/geometry/mesh")}
     for path in [urdf, *sorted(urdf.parent / name for name in visuals if name.endswith(GLB))]:
         digest.update(path.name.encode())
@@ -52,41 +56,45 @@ def cache_folder(robot: "Robot") -> Path:
     return cache_home() / digest.hexdigest()[:16]
 
 
-def is_made(robot: "Robot", folder: Path) -> bool:
+def has_simplified_meshes(robot: "Robot", folder: Path) -> bool:
     """Whether a cache folder has the simplified meshes and they are readable."""
     return os.access(folder / robot.urdf_path.name, os.R_OK)
 
 
 @cache
-def light_urdf(robot: "Robot") -> Path:
+def simplified_urdf(robot: "Robot") -> Path:
     """The path of a URDF with simplified visual and original collision meshes, made when missing.
 
     Raises StageError when the cache folder cannot be written.
     """
     folder = cache_folder(robot)
-    make = partial(_make, robot, final=folder)
-    return cached(folder / robot.urdf_path.name, f"mesh cache {folder}", make)
+    make = partial(_write_simplified, robot, final=folder)
+    return build_cached(folder / robot.urdf_path.name, f"mesh cache {folder}", make)
 
 
 @cache
-def light_meshes(robot: "Robot") -> dict[str, LinkMesh]:
+def simplified_meshes(robot: "Robot") -> dict[str, LinkMesh]:
     """Link -> vertices (V, 3) in metres in the frame of the link, faces (F, 3), linear RGB (V, 3).
 
     Only for links with visuals. Visuals other than GLB meshes are grey.
     """
     meshes: dict[str, LinkMesh] = {}
-    for link in ElementTree.parse(light_urdf(robot)).getroot().findall("link"):
-        parts = [_drawn(visual, robot) for visual in link.findall("visual")]
+    for link in ElementTree.parse(simplified_urdf(robot)).getroot().findall("link"):
+        parts = [_visual_mesh(visual, robot) for visual in link.findall("visual")]
         if not parts:
             continue
         vertices, faces, colours = zip(*parts, strict=True)
         firsts = np.cumsum([0, *map(len, vertices[:-1])])
-        moved = [each + first for each, first in zip(faces, firsts, strict=True)]
-        meshes[link.attrib["name"]] = np.concatenate(vertices), np.concatenate(moved), np.concatenate(colours)
+        shifted = [triangles + first for triangles, first in zip(faces, firsts, strict=True)]
+        meshes[link.attrib["name"]] = (
+            np.concatenate(vertices),
+            np.concatenate(shifted),
+            np.concatenate(colours),
+        )
     return meshes
 
 
-def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
+def _visual_mesh(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
     """The triangles of a visual, in the frame of its link."""
     mesh = visual.find("geometry/mesh")
     if mesh is not None and mesh.attrib["filename"].endswith(GLB):
@@ -96,23 +104,25 @@ def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
     else:
         pieces = [shape(visual, robot.urdf_path.parent, robot.name)]
         colours = [GREY]
-    each = [np.tile(colour, (len(piece.vertices), 1)) for colour, piece in zip(colours, pieces, strict=True)]
-    whole_of = cast(trimesh.Trimesh, trimesh.util.concatenate(pieces))
-    vertices = apply(placement(visual), np.asarray(whole_of.vertices))
-    return vertices, np.asarray(whole_of.faces), np.concatenate(each)
+    vertex_colours = [
+        np.tile(colour, (len(piece.vertices), 1)) for colour, piece in zip(colours, pieces, strict=True)
+    ]
+    combined = cast(trimesh.Trimesh, trimesh.util.concatenate(pieces))
+    vertices = apply(placement(visual), np.asarray(combined.vertices))
+    return vertices, np.asarray(combined.faces), np.concatenate(vertex_colours)
 
 
-def _make(robot: "Robot", folder: Path, final: Path) -> None:
+def _write_simplified(robot: "Robot", folder: Path, final: Path) -> None:
     """Writes simplified GLB files and a URDF whose paths are valid once `folder` is renamed to `final`."""
     urdf = robot.urdf_path
     tree = ElementTree.parse(urdf)
     for element in tree.getroot().iterfind("link/visual/geometry/mesh"):
         source = urdf.parent / element.attrib["filename"]
-        light = source.suffix == GLB
-        if light and not (folder / source.name).exists():
-            scene = trimesh.Scene([_lighter(piece) for piece in _pieces(source)])
+        is_glb = source.suffix == GLB
+        if is_glb and not (folder / source.name).exists():
+            scene = trimesh.Scene([_simplified(piece) for piece in _pieces(source)])
             scene.export(folder / source.name, include_normals=True)
-        element.set("filename", str(final / source.name if light else source))
+        element.set("filename", str(final / source.name if is_glb else source))
     for element in tree.getroot().iterfind("link/collision/geometry/mesh"):
         element.set("filename", str(urdf.parent / element.attrib["filename"]))
     tree.write(folder / urdf.name)
@@ -126,9 +136,9 @@ def _write_srdf(robot: "Robot", path: Path) -> None:
     if source.exists():
         shutil.copyfile(source, path)
         return
-    root, counted = ElementTree.Element("robot", name=robot.name), set(robot.self_pairs)
+    root, self_pairs = ElementTree.Element("robot", name=robot.name), set(robot.self_pairs)
     for i, j in combinations(range(len(robot.links)), 2):
-        if (i, j) not in counted:
+        if (i, j) not in self_pairs:
             pair = {"link1": robot.links[i], "link2": robot.links[j], "reason": "Adjacent"}
             ElementTree.SubElement(root, "disable_collisions", pair)
     ElementTree.ElementTree(root).write(path)
@@ -144,14 +154,14 @@ def _material(piece: trimesh.Trimesh) -> Any:
     return cast(TextureVisuals, piece.visual).material
 
 
-def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
+def _simplified(piece: trimesh.Trimesh) -> trimesh.Trimesh:
     """The piece with fewer triangles and the same material, its edges up to `SMOOTH_RAD` shaded smooth."""
     welded = trimesh.Trimesh(piece.vertices, piece.faces, process=True)
     welded.merge_vertices(merge_norm=True, merge_tex=True, digits_vertex=6)
-    target = max(FEWEST, round(KEPT * len(piece.faces)))
+    target = max(MIN_TRIANGLES, round(KEPT_SHARE * len(piece.faces)))
     if target < len(welded.faces):
         vertices, faces, *_ = fast_simplification.simplify(
-            np.asarray(welded.vertices), np.asarray(welded.faces), target_count=target, agg=CARE
+            np.asarray(welded.vertices), np.asarray(welded.faces), target_count=target, agg=AGGRESSIVENESS
         )
         welded = trimesh.Trimesh(vertices, faces, process=True)
     shaded = trimesh.graph.smooth_shade(welded, angle=SMOOTH_RAD, facet_minarea=None)

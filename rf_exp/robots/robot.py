@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.robots.mounted import Mounted, Vector, located
+from rf_exp.robots.mounted import Mounted, Vector, resolve_urdf
 from rf_exp.transforms import Matrix, from_axes, inverse
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rf_exp.robots.kinematics import Chain
     from rf_exp.robots.meshes import LinkMesh
 
-_AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # offsets of the last joint that `Arm.solve` tries
+_OFFSETS_RAD = np.linspace(-5.6, 5.6, 57)  # offsets of the last joint that `Arm.solve` tries
 NEIGHBOUR_RAD = 0.35  # postures closer than this in every joint are on one branch
 MARGIN_RAD = 0.02  # between planned postures and the joint limits
 
@@ -40,7 +40,8 @@ class Inverse(Protocol):
     """
 
     branches: int  # most postures of a pose, given the last joint
-    other: NDArray[np.int64]  # (branches,) the branch in which each continues beyond a singularity, or itself
+    # (branches,) the branch in which each continues beyond a singularity, or itself
+    opposite_branch: NDArray[np.int64]
 
     def postures(
         self, base_from_tcp: NDArray[np.float64], last_rad: ArrayLike, limits_rad: NDArray[np.float64]
@@ -51,7 +52,7 @@ class Inverse(Protocol):
         """
         ...
 
-    def facing(self, base_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
+    def preferred_last_rad(self, base_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
         """The last joint (...) rad that is least in the way of other arms, at TCP poses (..., 4, 4)."""
         ...
 
@@ -102,7 +103,7 @@ class Hand:
         """Planned opening (...) of each finger from the middle, m, for commands from -1 closed to 1 open."""
         return self.open_m * (np.clip(command, -1.0, 1.0) + 1.0) / 2.0
 
-    def told_m(self, command: ArrayLike) -> NDArray[np.float64]:
+    def finger_target_m(self, command: ArrayLike) -> NDArray[np.float64]:
         """Drive target (...) of each finger from the middle, m, for the same commands."""
         low, high = self.pressed_m, self.open_m
         return low + (np.clip(command, -1.0, 1.0) + 1) / 2 * (high - low)
@@ -152,28 +153,28 @@ class Robot:
         return len(self.joints)
 
     @property
-    def spare(self) -> bool:
+    def is_redundant(self) -> bool:
         """Whether the arm has a redundant joint."""
         return self.dof > 6
 
     @property
     def urdf_path(self) -> Path:
         """Path of the URDF. Raises StageError where the package that contains it is not installed."""
-        return self.urdf.path if isinstance(self.urdf, Mounted) else located(self.urdf)
+        return self.urdf.path if isinstance(self.urdf, Mounted) else resolve_urdf(self.urdf)
 
     @property
-    def measured(self) -> tuple[str, ...]:
+    def qpos_names(self) -> tuple[str, ...]:
         """Names of the columns of measured joints: the arm's, then one per finger."""
         fingers = (finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers)
         return (*self.joints, *fingers)
 
     @property
-    def active(self) -> tuple[str, ...]:
+    def active_joints(self) -> tuple[str, ...]:
         """Names of all movable joints: the arm's, then the fingers'."""
         return (*self.joints, *(joint for finger in self.hand.fingers for joint in finger.joints))
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def command_names(self) -> tuple[str, ...]:
         """Names of the columns of a command."""
         return (*self.joints, "gripper")
 
@@ -216,16 +217,16 @@ class Robot:
     @property
     def meshes(self) -> "Mapping[str, LinkMesh]":
         """Link -> simplified mesh: vertices (V, 3) in its frame in m, faces (F, 3), linear RGB (V, 3)."""
-        from rf_exp.robots.meshes import light_meshes
+        from rf_exp.robots.meshes import simplified_meshes
 
-        return light_meshes(self)
+        return simplified_meshes(self)
 
     @property
     def identity(self) -> dict[str, Any]:
         """All that determines its motion, for identities of artifacts."""
         content = hashlib.sha256(self.urdf_path.read_bytes()).hexdigest()[:16]
-        about = {"urdf": content, "hand": repr(self.hand), "aside_rad": list(self.aside_rad)}
-        return {"name": self.name, **about, "reach_m": self.reach_m, "drive": repr(self.drive)}
+        motion = {"urdf": content, "hand": repr(self.hand), "aside_rad": list(self.aside_rad)}
+        return {"name": self.name, **motion, "reach_m": self.reach_m, "drive": repr(self.drive)}
 
     def link_poses(self, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
         """Base-frame poses of `links` for measured joints (..., D) rad and metres: (..., L, 4, 4)."""
@@ -273,22 +274,22 @@ class Arm:
         """See `Inverse`, for poses in the world frame and `Robot.planned_rad` as limits."""
         return self._solver.postures(self._base_from_world @ world_from_tcp, last_rad, self._limits_rad)
 
-    def facing(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
+    def preferred_last_rad(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Inverse`, for poses in the world frame."""
-        return self._solver.facing(self._base_from_world @ world_from_tcp)
+        return self._solver.preferred_last_rad(self._base_from_world @ world_from_tcp)
 
-    def aside_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def elbow_angle_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Absolute angle (...) in rad of the elbow from the vertical plane, at joints (..., dof)."""
         swivel = self.robot.swivel
         return np.zeros(joints.shape[:-1]) if swivel is None else np.abs(joints[..., swivel])
 
-    def beyond(self, branch: int) -> int:
+    def branch_beyond_singularity(self, branch: int) -> int:
         """The branch in which an arm continues beyond a singularity, such as an upright shoulder."""
-        return int(self._solver.other[branch])
+        return int(self._solver.opposite_branch[branch])
 
-    def crossed(self, found: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Postures (..., branches, dof) with their branches permuted: branch k holds that of `beyond(k)`."""
-        return np.moveaxis(np.moveaxis(found, -1, 0).take(self._solver.other, axis=-1), 0, -1)
+    def permuted_to_opposite(self, postures: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Postures (..., branches, dof) permuted: branch k holds that of `branch_beyond_singularity(k)`."""
+        return np.moveaxis(np.moveaxis(postures, -1, 0).take(self._solver.opposite_branch, axis=-1), 0, -1)
 
     def solve(self, world_from_tcp: Matrix, near_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Joints (dof,) rad that put the TCP at a pose, nearest to `near_rad`; None where there are none.
@@ -297,14 +298,16 @@ class Arm:
         so that the joints move smoothly along a path of close poses; otherwise a range of angles is tried.
         """
         near_rad = self.joints(near_rad)
-        last = near_rad[-1]
+        last_rad = near_rad[-1]
         ranges = (
-            [([last], NEIGHBOUR_RAD), (last + _AWAY_RAD, np.inf)] if self.robot.spare else [([last], np.inf)]
+            [([last_rad], NEIGHBOUR_RAD), (last_rad + _OFFSETS_RAD, np.inf)]
+            if self.robot.is_redundant
+            else [([last_rad], np.inf)]
         )
-        for turns, farthest in ranges:
-            found = self.postures(world_from_tcp, turns).reshape(-1, self.robot.dof)
-            away = np.abs(found - near_rad).max(axis=1)
-            nearest = int(np.nan_to_num(away, nan=np.inf).argmin())
-            if away[nearest] < farthest:
-                return found[nearest]
+        for candidates_rad, limit_rad in ranges:
+            postures = self.postures(world_from_tcp, candidates_rad).reshape(-1, self.robot.dof)
+            distances_rad = np.abs(postures - near_rad).max(axis=1)
+            nearest = int(np.nan_to_num(distances_rad, nan=np.inf).argmin())
+            if distances_rad[nearest] < limit_rad:
+                return postures[nearest]
         return None

@@ -34,14 +34,14 @@ class UR5ClosedForm:
     is arbitrary: it is set to the given last joint. Branches are then equal in pairs.
     """
 
-    branches, other = BRANCHES, np.arange(BRANCHES)
+    branches, opposite_branch = BRANCHES, np.arange(BRANCHES)
 
     def __init__(self, robot: "Robot") -> None:
         at_zero = robot.tcp_pose(np.zeros(robot.dof))
         self._tcp_from_flange = inverse(at_zero) @ _flange_at_zero()
         self._rest = np.array(robot.rest_rad)
 
-    def facing(self, base_from_tcp: Floats) -> Floats:
+    def preferred_last_rad(self, base_from_tcp: Floats) -> Floats:
         """See `Inverse`: the angle at rest, as the arm has no redundant joint."""
         return np.full(np.shape(base_from_tcp)[:-2], self._rest[-1])
 
@@ -50,14 +50,14 @@ class UR5ClosedForm:
         pose = np.asarray(base_from_tcp, dtype=float) @ self._tcp_from_flange
         shape = np.broadcast_shapes(pose.shape[:-2], last.shape)
         with np.errstate(invalid="ignore"):
-            found = self._solved(pose, last)
-            found += 2 * np.pi * np.round((self._rest - found) / (2 * np.pi))
-            found += 2 * np.pi * ((found < limits_rad[0]) - 1.0 * (found > limits_rad[1]))
-            outside = ~((found >= limits_rad[0]) & (found <= limits_rad[1])).all(axis=-1)
-        found[outside] = np.nan
-        return np.broadcast_to(found, (*shape, BRANCHES, 6)).copy()
+            joints = self._solve(pose, last)
+            joints += 2 * np.pi * np.round((self._rest - joints) / (2 * np.pi))
+            joints += 2 * np.pi * ((joints < limits_rad[0]) - 1.0 * (joints > limits_rad[1]))
+            outside = ~((joints >= limits_rad[0]) & (joints <= limits_rad[1])).all(axis=-1)
+        joints[outside] = np.nan
+        return np.broadcast_to(joints, (*shape, BRANCHES, 6)).copy()
 
-    def _solved(self, base_from_flange: Floats, last: Floats) -> Floats:
+    def _solve(self, base_from_flange: Floats, last: Floats) -> Floats:
         """Joints (..., BRANCHES, 6) rad; NaN where the pose is out of reach.
 
         In the frame of the arm's plane, x points away from the base and y out of the plane; angles are
@@ -65,11 +65,11 @@ class UR5ClosedForm:
         """
         pose = base_from_flange[..., None, None, None, :, :]
         shoulder, wrist, elbow = _SIDES[:, None, None], _SIDES[:, None], _SIDES
-        x, out, place = pose[..., :3, 0], pose[..., :3, 2], pose[..., :3, 3]
-        middle = place - FLANGE_M * out  # intersection of the fifth and the sixth axis
-        beside = np.arcsin(BESIDE_M / np.hypot(middle[..., 0], middle[..., 1]))
-        beside = np.where(shoulder > 0, beside, np.pi - beside)
-        first = np.arctan2(middle[..., 1], middle[..., 0]) - beside
+        x, z, position = pose[..., :3, 0], pose[..., :3, 2], pose[..., :3, 3]
+        middle = position - FLANGE_M * z  # intersection of the fifth and the sixth axis
+        offset_angle = np.arcsin(BESIDE_M / np.hypot(middle[..., 0], middle[..., 1]))
+        offset_angle = np.where(shoulder > 0, offset_angle, np.pi - offset_angle)
+        first = np.arctan2(middle[..., 1], middle[..., 0]) - offset_angle
         cos, sin = np.cos(first), np.sin(first)
 
         def in_plane(vector: Floats) -> tuple[Floats, Floats, Floats]:
@@ -77,24 +77,24 @@ class UR5ClosedForm:
             along = cos * vector[..., 0] + sin * vector[..., 1]
             return along, -vector[..., 2], cos * vector[..., 1] - sin * vector[..., 0]
 
-        out_along, out_down, out_beside = in_plane(out)
-        x_along, x_down, x_beside = in_plane(x)
-        sine = wrist * np.hypot(out_along, out_down)
-        fifth = np.arctan2(sine, out_beside)
+        z_along, z_down, z_lateral = in_plane(z)
+        x_along, x_down, x_lateral = in_plane(x)
+        sine = wrist * np.hypot(z_along, z_down)
+        fifth = np.arctan2(sine, z_lateral)
         # Direction of the sixth axis in the plane, perpendicular to the fifth axis; where the sixth axis is
         # normal to the plane, the direction for which the sixth joint is the given one.
-        turned = np.sign(out_beside) * last[..., None, None, None]
+        turned = np.sign(z_lateral) * last[..., None, None, None]
         cos6, sin6 = np.cos(turned), np.sin(turned)
         flat = np.abs(sine) < SINGULAR
-        side = np.where(out_beside < 0, 1.0, -1.0)
-        ahead = np.where(flat, side * (cos6 * x_along + sin6 * x_down), out_along * wrist)
-        down = np.where(flat, side * (cos6 * x_down - sin6 * x_along), out_down * wrist)
+        side = np.where(z_lateral < 0, 1.0, -1.0)
+        ahead = np.where(flat, side * (cos6 * x_along + sin6 * x_down), z_along * wrist)
+        down = np.where(flat, side * (cos6 * x_down - sin6 * x_along), z_down * wrist)
         leaning = np.arctan2(down, ahead)  # sum of the second, third and fourth joint
         cos_, sin_ = np.cos(leaning), np.sin(leaning)
         fifth_along, fifth_down = -sin_, cos_  # the fifth axis
         sixth = np.arctan2(
             -(x_along * fifth_along + x_down * fifth_down),
-            np.sin(fifth) * x_beside - np.cos(fifth) * (x_along * cos_ + x_down * sin_),
+            np.sin(fifth) * x_lateral - np.cos(fifth) * (x_along * cos_ + x_down * sin_),
         )
         along, below, _ = in_plane(middle)
         along = along - WRIST_M * fifth_along
@@ -105,8 +105,8 @@ class UR5ClosedForm:
             LOWER_M * np.sin(third), UPPER_M + LOWER_M * np.cos(third)
         )
         joints = first, second, third, leaning - second - third, fifth, sixth
-        found = np.stack(np.broadcast_arrays(*joints), axis=-1)
-        return found.reshape(*found.shape[:-4], BRANCHES, 6)
+        stacked = np.stack(np.broadcast_arrays(*joints), axis=-1)
+        return stacked.reshape(*stacked.shape[:-4], BRANCHES, 6)
 
 
 def _flange_at_zero() -> Floats:

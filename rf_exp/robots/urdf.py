@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError
-from rf_exp.robots.mounted import ends
+from rf_exp.robots.mounted import parent_and_child
 from rf_exp.transforms import Matrix, apply, transform
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class Axis:
     """Axis of a joint."""
 
     direction: NDArray[np.float64]  # (3,) unit vector in the frame of the joint
-    slides: bool  # prismatic; otherwise revolute
+    is_prismatic: bool  # otherwise revolute
     limits: tuple[float, float]  # rad, or m
 
 
@@ -45,18 +45,18 @@ def root_of(robot: "Robot") -> Element:
 @cache
 def axes(robot: "Robot") -> dict[str, Axis]:
     """Joint -> its axis, for all movable joints."""
-    found = {}
+    joint_axes = {}
     for joint in root_of(robot).findall("joint"):
         if (kind := joint.attrib["type"]) not in ("revolute", "continuous", "prismatic"):
             continue
-        said, limit = joint.find("axis"), joint.find("limit")
-        direction = _numbers(said.attrib["xyz"]) if said is not None else np.array([1.0, 0.0, 0.0])
+        axis, limit = joint.find("axis"), joint.find("limit")
+        direction = _numbers(axis.attrib["xyz"]) if axis is not None else np.array([1.0, 0.0, 0.0])
         limits = (-2 * np.pi, 2 * np.pi)  # of continuous joints
         if kind != "continuous" and limit is not None:
             limits = float(limit.attrib.get("lower", 0.0)), float(limit.attrib.get("upper", 0.0))
         length = float(np.linalg.norm(direction))
-        found[joint.attrib["name"]] = Axis(direction / length, kind == "prismatic", limits)
-    return found
+        joint_axes[joint.attrib["name"]] = Axis(direction / length, kind == "prismatic", limits)
+    return joint_axes
 
 
 @cache
@@ -71,7 +71,7 @@ def hulls(robot: "Robot") -> dict[str, trimesh.Trimesh]:
     """Convex hull of the collision shapes of every solid link, in its frame, metres."""
     links = {link.get("name"): link for link in root_of(robot).findall("link")}
     folder = robot.urdf_path.parent
-    found = {}
+    link_hulls = {}
     for name in solid_links(robot):
         points = []
         for collision in links[name].iter("collision"):
@@ -79,8 +79,8 @@ def hulls(robot: "Robot") -> dict[str, trimesh.Trimesh]:
             if collision.find("origin") is not None:
                 piece.apply_transform(placement(collision))
             points.append(piece.vertices)
-        found[name] = trimesh.convex.convex_hull(np.concatenate(points))
-    return found
+        link_hulls[name] = trimesh.convex.convex_hull(np.concatenate(points))
+    return link_hulls
 
 
 @cache
@@ -93,8 +93,8 @@ def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
     pairs = tuple(combinations(range(len(links)), 2))
     path = robot.urdf_path.with_suffix(".srdf")
     if path.exists():
-        said = ElementTree.parse(path).getroot().iter("disable_collisions")
-        excused = {frozenset((each.attrib["link1"], each.attrib["link2"])) for each in said}
+        disabled = ElementTree.parse(path).getroot().iter("disable_collisions")
+        excused = {frozenset((entry.attrib["link1"], entry.attrib["link2"])) for entry in disabled}
         return tuple((i, j) for i, j in pairs if frozenset((links[i], links[j])) not in excused)
     fingers = (robot.hand.open_m, robot.hand.open_m)
     poses = robot.link_poses(np.array([*robot.rest_rad, *fingers]))
@@ -124,31 +124,31 @@ def _numbers(text: str) -> NDArray[np.float64]:
 def shape(element: Element, folder: Path, robot: str) -> trimesh.Trimesh:
     """The mesh of a collision or visual element, in its own frame. Raises ArgumentError for other shapes."""
     geometry = element.find("geometry")
-    said = geometry[0] if geometry is not None and len(geometry) else None
-    kind, said = (said.tag, said.attrib) if said is not None else ("nothing", {})
+    child = geometry[0] if geometry is not None and len(geometry) else None
+    kind, attributes = (child.tag, child.attrib) if child is not None else ("nothing", {})
     if kind == "mesh":
-        mesh = cast(trimesh.Trimesh, trimesh.load_mesh(folder / said["filename"]))
-        return mesh.apply_scale(_numbers(said["scale"])) if "scale" in said else mesh
+        mesh = cast(trimesh.Trimesh, trimesh.load_mesh(folder / attributes["filename"]))
+        return mesh.apply_scale(_numbers(attributes["scale"])) if "scale" in attributes else mesh
     if kind == "box":
-        return trimesh.creation.box(_numbers(said["size"]))
+        return trimesh.creation.box(_numbers(attributes["size"]))
     if kind == "cylinder":
-        return trimesh.creation.cylinder(float(said["radius"]), float(said["length"]))
+        return trimesh.creation.cylinder(float(attributes["radius"]), float(attributes["length"]))
     if kind == "sphere":
-        return trimesh.creation.icosphere(radius=float(said["radius"]))
+        return trimesh.creation.icosphere(radius=float(attributes["radius"]))
     raise ArgumentError(f"a shape of robot {robot!r} is a {kind}; expected mesh, box, cylinder or sphere")
 
 
 def _solid_parents(robot: "Robot") -> dict[str, str]:
     """Solid link -> its nearest solid ancestor; links between them have no collision shapes."""
-    above = {child: parent for parent, child in map(ends, root_of(robot).findall("joint"))}
-    solid, found = set(solid_links(robot)), {}
-    for link in solid & {*above}:
-        parent = above[link]
-        while parent not in solid and parent in above:
-            parent = above[parent]
+    parent_of = {child: parent for parent, child in map(parent_and_child, root_of(robot).findall("joint"))}
+    solid, solid_parents = set(solid_links(robot)), {}
+    for link in solid & {*parent_of}:
+        parent = parent_of[link]
+        while parent not in solid and parent in parent_of:
+            parent = parent_of[parent]
         if parent in solid:
-            found[link] = parent
-    return found
+            solid_parents[link] = parent
+    return solid_parents
 
 
 def _planes(hull: trimesh.Trimesh, pose: Matrix) -> NDArray[np.float64]:

@@ -1,11 +1,11 @@
 from .environment import FAR_M as FAR_M
-from .seen import Limited as Limited
-from .seen import depth_and_segmentation as depth_and_segmentation
+from .images import CameraSubset as CameraSubset
+from .images import depth_and_segmentation as depth_and_segmentation
 from .shared import close_shared_simulator as close_shared_simulator
 from .shared import shared_simulator as shared_simulator
 from .simulator import Simulator as Simulator
-from .stock import Arm as Arm
-from .stock import Stepped as Stepped
-from .stock import Stock as Stock
-from .vulkan import COSTS as COSTS
+from .third_party import Arm as Arm
+from .third_party import StepResult as StepResult
+from .third_party import ThirdPartyEnvironment as ThirdPartyEnvironment
+from .vulkan import WITHOUT_RENDERING as WITHOUT_RENDERING
 from .vulkan import render_probe as render_probe

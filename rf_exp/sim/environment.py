@@ -24,7 +24,7 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
 from rf_exp.sim import objects
-from rf_exp.sim.robots import Rows, uid_of
+from rf_exp.sim.robots import JointInterface, uid_of
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_HZ, FINGERS
 
@@ -34,8 +34,8 @@ NEAR_M, FAR_M = 0.01, 10.0
 # SAPIEN's cameras look along x with y to the left and z up.
 OPENCV_FROM_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 SHADERS = Path(__file__).parent / "shaders"
-LIKE = "minimal"  # ManiSkill's shader pack with the same textures
-FORMATS = {"Color": "r8g8b8a8unorm", "PositionSegmentation": "r16g16b16a16sint"}
+BASE_SHADER_PACK = "minimal"  # ManiSkill's shader pack with the same textures
+TEXTURE_FORMATS = {"Color": "r8g8b8a8unorm", "PositionSegmentation": "r16g16b16a16sint"}
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 KEPT_FREE_BYTES, MAPPED_BYTES = 256 << 20, 32 << 20
 
@@ -49,7 +49,7 @@ def shader_config() -> ShaderConfig:
     without an environment map: the pictures are equal (tests/sim/test_shading.py), but for single pixels
     that round to the next of 255 shades. `python benchmarks/render.py` measures the cost of a picture.
     """
-    return replace(PREBUILT_SHADER_CONFIGS[LIKE], shader_pack=str(SHADERS))
+    return replace(PREBUILT_SHADER_CONFIGS[BASE_SHADER_PACK], shader_pack=str(SHADERS))
 
 
 @cache
@@ -72,7 +72,7 @@ def _freeze_modules() -> None:
     gc.freeze()
 
 
-def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
+def _restrict_excused_pairs(robot: physx.PhysxArticulation, agent: int) -> None:
     """Restricts the link pairs that an SRDF excuses from collision to links of the same arm.
 
     SAPIEN gives the two links of an excused pair a common bit in word 2 of their collision groups, and
@@ -91,7 +91,7 @@ class TableEnv(BaseEnv):
 
     def __init__(self, task: Task, size_px: tuple[int, int], render_backend: str) -> None:
         _freeze_modules()
-        self._usual = self.task = task  # as configured, and varied for the scene of the seed
+        self._nominal_task = self.task = task  # as configured, and varied for the scene of the seed
         self.copy = 0  # visual copy of the seed's scene that the next reset builds
         # Set at each reset; ManiSkill resets once in its constructor.
         self.start, self.actors, self.clutter = task.start(0), dict[str, Actor](), dict[str, Actor]()
@@ -123,8 +123,11 @@ class TableEnv(BaseEnv):
 
     def _setup_sensors(self, options: dict) -> None:
         keep_freed_memory()
-        for texture, stored in FORMATS.items():  # other environments in this process may have changed it
-            sapien.render.set_picture_format(texture, stored)
+        for (
+            texture,
+            texture_format,
+        ) in TEXTURE_FORMATS.items():  # other environments in this process may have changed it
+            sapien.render.set_picture_format(texture, texture_format)
         super()._setup_sensors(options)
 
     @property
@@ -136,19 +139,19 @@ class TableEnv(BaseEnv):
         """ManiSkill's hand link of an agent."""
         return self.arms[agent - 1].robot.links_map[self.task.robots[agent - 1].model.hand.link]
 
-    def rows(self) -> list[Rows]:
+    def joint_interfaces(self) -> list[JointInterface]:
         """The joints of each arm, in the order of the task."""
-        arms, size = zip(self.task.robots, self.arms, strict=True), self.task.dof + FINGERS
-        return [Rows(robot.model, arm.robot, size) for robot, arm in arms]
+        arms, qpos_size = zip(self.task.robots, self.arms, strict=True), self.task.dof + FINGERS
+        return [JointInterface(robot.model, arm.robot, qpos_size) for robot, arm in arms]
 
     def _load_agent(self, options: dict, *_: object, **__: object) -> None:
         seed = int(self._episode_seed[0])
-        self.task = self._usual.of(seed, self.copy)
+        self.task = self._nominal_task.in_scene(seed, self.copy)
         self.start = self.task.start(seed, self.copy)
         bases: Any = [objects.sapien_pose(robot.world_from_base) for robot in self.task.robots]
         super()._load_agent(options, bases)
         for agent, arm in zip(self.task.agents, self.arms, strict=True):
-            _excuse_only_within(arm.robot._objs[0], agent)
+            _restrict_excused_pairs(arm.robot._objs[0], agent)
 
     def _load_scene(self, options: dict) -> None:
         objects.build_table(self.scene, self.start.look)
@@ -179,6 +182,6 @@ class TableEnv(BaseEnv):
             self.scene.add_directional_light([*lamp.direction], [*lamp.colour])
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
-        for rows, row in zip(self.rows(), self.start.qpos, strict=True):
-            rows.place(row)
-            rows.drive(row)  # else the arm would move towards zero
+        for joints, qpos in zip(self.joint_interfaces(), self.start.qpos, strict=True):
+            joints.place(qpos)
+            joints.drive(qpos)  # else the arm would move towards zero

@@ -9,7 +9,7 @@ import numpy as np
 import sapien
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
@@ -20,7 +20,7 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, CameraModel, Scene, joints_of
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
-GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, id of the body
+POSITION_TEXTURE = "PositionSegmentation"  # position in millimetres in camera axes, id of the body
 
 
 Pair = TypeVar("Pair")
@@ -29,102 +29,104 @@ Pair = TypeVar("Pair")
 class LoadedScene:
     """SAPIEN's scene of one episode, and its step counter; the next reset builds all of it anew."""
 
-    def __init__(self, env: TableEnv, *, draws: bool) -> None:
-        self._rows = env.rows()
-        self.robots = [rows.arm for rows in self._rows]
+    def __init__(self, env: TableEnv, *, renders: bool) -> None:
+        self._joints = env.joint_interfaces()
+        self.robots = [joints.arm for joints in self._joints]
         self.bodies = {name: actor._objs[0] for name, actor in env.actors.items()}
         hands = [robot.model.hand for robot in env.task.robots]
         self.clutter = {name: actor._objs[0] for name, actor in env.clutter.items()}
         self._contacts = Contacts(self.robots, hands, self.bodies, self.clutter)
-        self._with_clutter: dict[tuple[str, str], float] = {}  # largest in the last control step, N
+        self._clutter_forces: dict[tuple[str, str], float] = {}  # largest in the last control step, N
         start = joints_of(env.start.qpos)
-        held = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
-        self.devices = Devices(env.start, held, tuple(env.task.cameras))
-        self.command = self.devices.command_of(held)
+        holding_targets = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
+        self.devices = Devices(env.start, holding_targets, tuple(env.task.cameras))
+        self.command = self.devices.holding_command(holding_targets)
         self._env = env
         self.physics: Any = env.scene.px
-        sensors: dict[str, Any] = env._sensors if draws else {}
+        sensors: dict[str, Any] = env._sensors if renders else {}
         self._cameras = {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
-        self._poses = _measured(self.bodies)
+        self._poses = _poses_of(self.bodies)
         self.steps = 0
-        self._drawn_at, self._drawn = -1, set[str]()  # step of the last rendering, and its cameras
+        self._rendered_step, self._rendered = -1, set[str]()  # step of the last rendering, and its cameras
 
     def step(self, action: NDArray[np.float64]) -> dict[tuple[int, int], float]:
         """Apply a command (N, A) for one control step; returns (agent, agent) -> largest contact force, N."""
         self.command = action.copy()
-        told = self.devices.carried_out(action)
-        for rows, command in zip(self._rows, told, strict=True):
-            rows.command(command)
-        pressed: dict[tuple[int, int], float] = {}
-        self._with_clutter = {}
+        targets = self.devices.delayed_target(action)
+        for joints, joint_targets in zip(self._joints, targets, strict=True):
+            joints.command(joint_targets)
+        arm_forces: dict[tuple[int, int], float] = {}
+        self._clutter_forces = {}
         for _ in range(PHYSICS_HZ // CONTROL_HZ):
             self.physics.step()
             # A contact can end within a control step: keep the largest force over its physics steps.
             contacts, timestep_s = self.physics.get_contacts(), self.physics.timestep
-            pressed = _hardest(pressed, self._contacts.between_arms(contacts, timestep_s))
-            self._with_clutter = _hardest(
-                self._with_clutter, self._contacts.with_clutter(contacts, timestep_s)
+            arm_forces = _largest_forces(arm_forces, self._contacts.arm_contacts(contacts, timestep_s))
+            self._clutter_forces = _largest_forces(
+                self._clutter_forces, self._contacts.clutter_contacts(contacts, timestep_s)
             )
         self.steps += 1
-        return pressed
+        return arm_forces
 
-    def scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
+    def scene(self, arm_forces: Mapping[tuple[int, int], float]) -> Scene:
         """The measured scene; call once per control step, as speeds are displacements since the last call."""
-        poses = _measured(self.bodies)
+        poses = _poses_of(self.bodies)
         moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
         self._poses = poses
-        held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
+        held, pushes = self._contacts.finger_contacts(self.physics.get_contacts(), self.physics.timestep)
         scene = Scene(
             step=self.steps,
-            qpos=np.stack([rows.qpos() for rows in self._rows]),
-            qvel=np.stack([rows.qvel() for rows in self._rows]),
+            qpos=np.stack([joints.qpos() for joints in self._joints]),
+            qvel=np.stack([joints.qvel() for joints in self._joints]),
             poses=poses,
             # PhysX's own velocity of a held object is solver noise: 5 cm/s where nothing moves.
             speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},
             held=held,
             finger_forces=pushes,
-            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
-            clutter=_measured(self.clutter),
+            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(arm_forces.items())),
+            clutter=_poses_of(self.clutter),
             clutter_contacts=tuple(
-                (who, name, force) for (who, name), force in sorted(self._with_clutter.items())
+                (mover, name, force) for (mover, name), force in sorted(self._clutter_forces.items())
             ),
         )
-        return self.devices.measured(scene)
+        return self.devices.measured_scene(scene)
 
     def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray]) -> None:
         """Set arms to measured joints (N, D) and objects to poses, and advance the step counter by one."""
-        for rows, row in zip(self._rows, self.devices.true(np.asarray(qpos, float)), strict=True):
-            rows.place(row)
+        for joints, positions in zip(
+            self._joints, self.devices.true_joints(np.asarray(qpos, float)), strict=True
+        ):
+            joints.place(positions)
         for name, pose in poses.items():
             body = self.bodies.get(name) or self.clutter[name]
             body.set_pose(sapien.Pose(pose[:3].tolist(), pose[3:].tolist()))
         self.steps += 1
 
-    def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
+    def textures(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
         """Camera -> its texture at this step, rendered at most once; None: all cameras."""
-        if self._drawn_at != self.steps:
+        if self._rendered_step != self.steps:
             self._env.scene.sub_scenes[0].update_render()
-            self._drawn_at, self._drawn = self.steps, set[str]()
-        wanted = list(self._cameras if cameras is None else cameras)
-        for name in wanted:
+            self._rendered_step, self._rendered = self.steps, set[str]()
+        names = list(self._cameras if cameras is None else cameras)
+        for name in names:
             if name not in self._cameras:
-                raise choices("camera", name, self._cameras)
-            if name not in self._drawn:
+                raise unknown_choice("camera", name, self._cameras)
+            if name not in self._rendered:
                 self._cameras[name].take_picture()
-                self._drawn.add(name)
-        return {name: self._cameras[name].get_picture(texture) for name in wanted}
+                self._rendered.add(name)
+        return {name: self._cameras[name].get_picture(texture) for name in names}
 
     def release(self) -> None:
         """Drop references to SAPIEN's bodies and cameras, so that the environment can be closed."""
-        for kept in (self.robots, self._rows, self.bodies, self.clutter, self._cameras):
-            kept.clear()
+        for container in (self.robots, self._joints, self.bodies, self.clutter, self._cameras):
+            container.clear()
 
 
-def _measured(bodies: Mapping[str, Any]) -> dict[str, Matrix]:
+def _poses_of(bodies: Mapping[str, Any]) -> dict[str, Matrix]:
     return {name: matrix_of(body.pose) for name, body in bodies.items()}
 
 
-def _hardest(before: Mapping[Pair, float], now: Mapping[Pair, float]) -> dict[Pair, float]:
+def _largest_forces(before: Mapping[Pair, float], now: Mapping[Pair, float]) -> dict[Pair, float]:
     return {**before, **{pair: max(force, before.get(pair, 0.0)) for pair, force in now.items()}}
 
 
@@ -178,7 +180,7 @@ class Simulator:
             raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
         self._env.copy = copy
         self._env.reset(seed=int(seed))
-        return LoadedScene(self._env, draws=self._render)
+        return LoadedScene(self._env, renders=self._render)
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         """Apply (N, A) joint targets in rad and gripper commands in [-1, 1] for one control step."""
@@ -207,20 +209,22 @@ class Simulator:
 
         Only these are rendered. Raises ArgumentError for a camera that does not exist.
         """
-        number, step = list(self.task.cameras), self._loaded.steps
+        camera_names, step = list(self.task.cameras), self._loaded.steps
         return {
-            name: self._loaded.devices.taken(picture[..., :3].copy(), number.index(name), step)
-            for name, picture in self._drawn("Color", cameras).items()
+            name: self._loaded.devices.degraded_picture(
+                picture[..., :3].copy(), camera_names.index(name), step
+            )
+            for name, picture in self._textures("Color", cameras).items()
         }
 
     def segmentation(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.int32]]:
         """Camera -> (H, W) id of the body visible at each pixel, see `bodies`; 0 for none."""
-        images = self._drawn(GEOMETRY, cameras)
+        images = self._textures(POSITION_TEXTURE, cameras)
         return {name: image[..., 3].astype(np.int32) for name, image in images.items()}
 
     def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]:
         """Camera -> (H, W) metres along the viewing direction, to the millimetre; 0 for no surface."""
-        images = self._drawn(GEOMETRY, cameras)
+        images = self._textures(POSITION_TEXTURE, cameras)
         return {name: np.float32(-0.001) * image[..., 2] for name, image in images.items()}
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
@@ -252,10 +256,10 @@ class Simulator:
             models[name] = spec.model(pose, self._size_px)
         return models
 
-    def _drawn(self, texture: str, cameras: Iterable[str] | None = None) -> dict[str, NDArray]:
+    def _textures(self, texture: str, cameras: Iterable[str] | None = None) -> dict[str, NDArray]:
         if not self._render:
             raise ArgumentError("a simulator made with render=False draws no pictures; expected render=True")
-        return self._loaded.drawn(texture, cameras)
+        return self._loaded.textures(texture, cameras)
 
     def close(self) -> None:
         """Free the scene. The simulator cannot be used afterwards."""

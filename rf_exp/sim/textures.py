@@ -40,21 +40,21 @@ Field = NDArray[np.float64]  # (S, S), rows and columns
 @lru_cache(maxsize=64)
 def pixels(texture: Texture) -> NDArray[np.uint8]:
     """The pixels (S, S, 3), sRGB, of a texture; read-only."""
-    drawn = draw(texture.kind, texture.set, np.random.default_rng(texture.seed))
-    drawn.flags.writeable = False
-    return drawn
+    image = draw(texture.kind, texture.set, np.random.default_rng(texture.seed))
+    image.flags.writeable = False
+    return image
 
 
 def draw(
-    kind: TextureKind, of: TextureSet, rng: np.random.Generator, size_px: int = SIZE_PX
+    kind: TextureKind, texture_set: TextureSet, rng: np.random.Generator, size_px: int = SIZE_PX
 ) -> NDArray[np.uint8]:
     """A random texture (S, S, 3), sRGB, from a palette and pattern of the set; repeats in both directions."""
-    ground, figure = (bytes.fromhex(each) for each in rng.choice(PALETTES[of][kind]).split())
+    ground, figure = (bytes.fromhex(colour) for colour in rng.choice(PALETTES[texture_set][kind]).split())
     brightness = 1 + rng.uniform(-BRIGHTNESS, BRIGHTNESS)
-    share, shade = PATTERNS[kind](rng, int(rng.choice(REPEATS[of])), size_px)
-    share, shade = np.clip(share, 0, 1), brightness * shade
-    drawn = [(a + (b - a) * share) * shade for a, b in zip(ground, figure, strict=True)]  # red, green, blue
-    return np.stack([np.clip(np.rint(each), 0, 255).astype(np.uint8) for each in drawn], axis=-1)
+    mix, shade = PATTERNS[kind](rng, int(rng.choice(REPEATS[texture_set])), size_px)
+    mix, shade = np.clip(mix, 0, 1), brightness * shade
+    channels = [(a + (b - a) * mix) * shade for a, b in zip(ground, figure, strict=True)]  # red, green, blue
+    return np.stack([np.clip(np.rint(channel), 0, 255).astype(np.uint8) for channel in channels], axis=-1)
 
 
 # Each pattern returns the share of the figure colour in [0, 1] and the brightness, about 1, of each pixel.
@@ -77,8 +77,8 @@ def _tile(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, 
     """Square tiles of slightly different shades, with grout between them."""
     down, across = _coordinates(size_px)
     row, column = (down * repeats).astype(int), (across * repeats).astype(int)
-    wide = rng.uniform(0.04, 0.09)
-    grout = np.maximum(_line(down * repeats, wide), _line(across * repeats, wide))
+    width = rng.uniform(0.04, 0.09)
+    grout = np.maximum(_line(down * repeats, width), _line(across * repeats, width))
     shades = 1 + rng.uniform(-0.08, 0.08, (repeats, repeats))[row, column]
     return grout, np.where(grout > 0.5, 1.0, shades) * (1 + 0.025 * _noise(rng, size_px, 1.2))
 
@@ -86,8 +86,8 @@ def _tile(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, 
 def _cloth(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
     """Gingham: bands of warp and of weft, in full colour where they cross, in a plain weave."""
     down, across = _coordinates(size_px)
-    wide = rng.uniform(0.3, 0.6)
-    bands = _band(down * repeats, wide) + _band(across * repeats, wide)
+    width = rng.uniform(0.3, 0.6)
+    bands = _band(down * repeats, width) + _band(across * repeats, width)
     weave = np.sin(2 * np.pi * THREADS * down) * np.sin(2 * np.pi * THREADS * across)
     return 0.5 * bands, 1 + 0.08 * weave + 0.02 * _noise(rng, size_px, 1.5)
 
@@ -101,8 +101,8 @@ def _stone(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field,
 def _stripes(rng: np.random.Generator, repeats: int, size_px: int) -> tuple[Field, Field]:
     """Stripes, horizontal, vertical or diagonal."""
     down, across = _coordinates(size_px)
-    turned = rng.choice([(1, 0), (0, 1), (1, 1), (1, -1)])
-    along = repeats * (turned[0] * down + turned[1] * across)
+    direction = rng.choice([(1, 0), (0, 1), (1, 1), (1, -1)])
+    along = repeats * (direction[0] * down + direction[1] * across)
     return _band(along, rng.uniform(0.3, 0.6)), 1 + 0.02 * _noise(rng, size_px, 1.0)
 
 
@@ -122,15 +122,15 @@ def _coordinates(size_px: int) -> tuple[Field, Field]:
     return down, across
 
 
-def _line(along: Field, wide: float) -> Field:
+def _line(along: Field, width: float) -> Field:
     """1 on lines at whole numbers, 0 beside them; soft edges, a quarter of a line wide."""
-    off = np.abs(along - np.rint(along))
-    return np.clip((wide / 2 - off) / (wide / 4) + 0.5, 0, 1)
+    distance = np.abs(along - np.rint(along))
+    return np.clip((width / 2 - distance) / (width / 4) + 0.5, 0, 1)
 
 
-def _band(along: Field, wide: float) -> Field:
+def _band(along: Field, width: float) -> Field:
     """1 in bands about whole numbers, 0 beside them; `wide` is their width per distance."""
-    return np.clip((wide / 2 - np.abs(along - np.rint(along))) * 20 + 0.5, 0, 1)
+    return np.clip((width / 2 - np.abs(along - np.rint(along))) * 20 + 0.5, 0, 1)
 
 
 def _noise(

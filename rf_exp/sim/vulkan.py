@@ -24,15 +24,15 @@ NVIDIA_DRIVERS = (
     "usr/lib*/*/libGLX_nvidia.so.*",
     "usr/local/nvidia/lib*/*GLX*",
 )
-SET_UP = Path(__file__).parents[2] / "scripts" / "setup.sh"  # in a checkout only
-COSTS = "no pictures; render=false still makes states and actions"
+SETUP_SCRIPT = Path(__file__).parents[2] / "scripts" / "setup.sh"  # in a checkout only
+WITHOUT_RENDERING = "no pictures; render=false still makes states and actions"
 
 
 @dataclass(frozen=True)
 class Driver:
     """The Vulkan driver to use, and the reason."""
 
-    words: str
+    description: str
     manifest: Path | None = None  # of the software driver, where the loader needs it
     variable: str | None = None  # environment variable by which the user has chosen the driver
 
@@ -52,18 +52,18 @@ class Probe:
 
     def __str__(self) -> str:
         if self.ok:
-            return f"drew a picture on {self.device} in {self.seconds:.1f} s ({self.driver.words})"
-        return f"{self.reason} (driver: {self.driver.words})"
+            return f"rendered a picture on {self.device} in {self.seconds:.1f} s ({self.driver.description})"
+        return f"{self.reason} (driver: {self.driver.description})"
 
     @property
-    def mend(self) -> str:
+    def remedy(self) -> str:
         """A command that may solve the problem."""
         if self.driver.variable:
             return f"unset {self.driver.variable}, then python -m rf_exp.doctor"
         software = software_manifest()
         if software and not self.driver.manifest:
             return f"export VK_DRIVER_FILES={software}"
-        if SET_UP.is_file():
+        if SETUP_SCRIPT.is_file():
             return "scripts/setup.sh (installs Mesa's software Vulkan)"
         of_debian_12 = "24.3 or later, which Debian 12 has in bookworm-backports"
         return f"apt-get install mesa-vulkan-drivers libvulkan1 ({of_debian_12})"
@@ -91,7 +91,7 @@ def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Drive
                 return software
             return Driver(f"{variable}={value}, set by you", variable=variable)
     # An NVIDIA GPU in a container often lacks the rendering part of its driver.
-    nvidia = (root / "dev/nvidiactl").exists() and any(any(root.glob(each)) for each in NVIDIA_DRIVERS)
+    nvidia = (root / "dev/nvidiactl").exists() and any(any(root.glob(pattern)) for pattern in NVIDIA_DRIVERS)
     render_nodes = [node for node in root.glob("dev/dri/renderD*") if os.access(node, os.R_OK | os.W_OK)]
     if nvidia:
         return Driver("the driver of the NVIDIA GPU")
@@ -107,7 +107,7 @@ def select_driver() -> str:
     driver = find_driver(os.environ)
     if driver.manifest:
         os.environ["VK_DRIVER_FILES"] = str(driver.manifest)
-    return driver.words
+    return driver.description
 
 
 def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
@@ -124,19 +124,19 @@ def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
         # SAPIEN would fail or crash on it without giving the reason.
         return Probe(driver, "", 0.0, "there is no such file")
     begin = time.perf_counter()
-    ask = partial(subprocess.run, command, capture_output=True, text=True, timeout=timeout_s)
+    run_child = partial(subprocess.run, command, capture_output=True, text=True, timeout=timeout_s)
     try:
-        child = ask()
+        child = run_child()
         if child.returncode < 0:
-            child = ask()
+            child = run_child()
     except subprocess.TimeoutExpired:
         return Probe(driver, "", timeout_s, f"no answer from the driver in {timeout_s:g} s")
     seconds = time.perf_counter() - begin
-    answer, _, words = (child.stdout.strip().splitlines() or [""])[-1].partition(" ")
-    if answer == "drew":
-        return Probe(driver, words, seconds, "")
-    if answer == "failed":
-        return Probe(driver, "", seconds, words)
+    outcome, _, detail = (child.stdout.strip().splitlines() or [""])[-1].partition(" ")
+    if outcome == "drew":
+        return Probe(driver, detail, seconds, "")
+    if outcome == "failed":
+        return Probe(driver, "", seconds, detail)
     if child.returncode < 0:
         name = signal.Signals(-child.returncode).name
         return Probe(driver, "", seconds, f"the driver ended the process with {name}")
@@ -150,8 +150,8 @@ def require_rendering() -> None:
     probe = render_probe(picture=False)
     if not probe.ok:
         raise StageError(
-            f"rendering was asked for, but SAPIEN has no Vulkan device: {probe}. "
-            f"Mend: {probe.mend}; or go without pictures: render=false"
+            f"rendering was requested, but SAPIEN has no Vulkan device: {probe}. "
+            f"Fix: {probe.remedy}; or go without pictures: render=false"
         )
 
 
@@ -176,7 +176,7 @@ def _draw(picture: bool) -> str:
     return device
 
 
-def _answer(picture: bool) -> int:
+def _probe_in_child(picture: bool) -> int:
     """Runs in the child process: tries to render, prints the result for the probe, returns the exit code."""
     select_driver()
     try:
@@ -189,7 +189,7 @@ def _answer(picture: bool) -> int:
 
 if __name__ == "__main__":
     if sys.argv[1:]:
-        os._exit(_answer(sys.argv[1] == "draw"))  # without a device SAPIEN may crash at exit
-    found = render_probe()
-    print(found)
-    sys.exit(0 if found.ok else 1)
+        os._exit(_probe_in_child(sys.argv[1] == "draw"))  # without a device SAPIEN may crash at exit
+    probe = render_probe()
+    print(probe)
+    sys.exit(0 if probe.ok else 1)

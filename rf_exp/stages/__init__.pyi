@@ -1,12 +1,12 @@
-from .beforehand import check_cameras as check_cameras
-from .beforehand import check_folders as check_folders
-from .beforehand import say_how_long as say_how_long
 from .cell import Cell as Cell
+from .cell import artifact_lock as artifact_lock
 from .cell import cells as cells
-from .cell import owned as owned
 from .evaluation import evaluate_policies as evaluate_policies
 from .generation import generate_data as generate_data
 from .generation import why_seeds_failed as why_seeds_failed
+from .preflight import check_cameras as check_cameras
+from .preflight import check_folders as check_folders
+from .preflight import print_estimate as print_estimate
 from .redrawing import redraw as redraw
 from .reporting import write_tables as write_tables
 from .training import train_policies as train_policies

@@ -33,21 +33,21 @@ class Cell:
     experiment: Experiment
     task: Task
     constraint_set: ConstraintSet
-    chosen_arch: Arch | None = None
+    optional_arch: Arch | None = None
 
     def with_arch(self, arch: Arch) -> "Cell":
         """The same cell for the policies of an architecture."""
-        return replace(self, chosen_arch=arch)
+        return replace(self, optional_arch=arch)
 
-    def after(self, rounds: int) -> "Cell":
+    def after_rounds(self, rounds: int) -> "Cell":
         """The same cell after `rounds` rounds of correction."""
-        return replace(self, experiment=self.experiment.after(rounds))
+        return replace(self, experiment=self.experiment.after_rounds(rounds))
 
     @property
     def arch(self) -> Arch:
         """The architecture of its policies. Only cells of policies have one."""
-        assert self.chosen_arch is not None, f"{self.place} is a cell of demonstrations"
-        return self.chosen_arch
+        assert self.optional_arch is not None, f"{self.label} is a cell of demonstrations"
+        return self.optional_arch
 
     @property
     def evaluated_task(self) -> Task:
@@ -60,27 +60,27 @@ class Cell:
         return views(self.arch, len(self.task.agents))
 
     @property
-    def place(self) -> str:
+    def label(self) -> str:
         """The names of its parts, e.g. `lift_barrier/full/separate_local`."""
-        named = self.task, self.constraint_set, self.chosen_arch
-        return "/".join(each.name for each in named if each is not None)
+        parts = self.task, self.constraint_set, self.optional_arch
+        return "/".join(each.name for each in parts if each is not None)
 
     def title(self, stage: str) -> str:
         """Its title in a stage on the terminal, e.g. `train lift_barrier/full/separate_local`."""
-        rounds = self.experiment.dagger.rounds if self.chosen_arch else 0
-        return f"{stage} {self.place}" + (f", correction {rounds}" if rounds else "")
+        rounds = self.experiment.dagger.rounds if self.optional_arch else 0
+        return f"{stage} {self.label}" + (f", correction {rounds}" if rounds else "")
 
     @property
     def data_path(self) -> Path:
         """The store of its demonstrations."""
         out, name = self.experiment.out, self.experiment.data
-        return out / "data" / self.task.name / self.constraint_set.name / f"{name}{self._by}.zarr"
+        return out / "data" / self.task.name / self.constraint_set.name / f"{name}{self._brain_suffix}.zarr"
 
     @property
-    def _by(self) -> str:
+    def _brain_suffix(self) -> str:
         """The suffix in file names for brains other than the scripted one."""
-        label = self.experiment.brain.label
-        return "" if label == ScriptedSpec.name else f"-by-{label}"
+        brain_label = self.experiment.brain.label
+        return "" if brain_label == ScriptedSpec.name else f"-by-{brain_label}"
 
     @property
     def generation_path(self) -> Path:
@@ -90,7 +90,7 @@ class Cell:
             name += "-disturbed" if self.experiment.delay_s else "-disturbed-punctual"
         if self.task.variation.identity:
             name += f"-in-{self.task.variation.name}"
-        name += self._by
+        name += self._brain_suffix
         return self.experiment.out / "results" / "generate" / self.task.name / f"{name}.jsonl"
 
     def shards_path(self, digest: str) -> Path:
@@ -124,8 +124,8 @@ class Cell:
     def evaluation_path(self) -> Path:
         """The rows of evaluation."""
         experiment, names = self.experiment, (self.task.name, self.constraint_set.name, self.arch.name)
-        how = experiment.method, experiment.learned_from, experiment.shield, experiment.evaluated.name
-        return experiment.out / rows_file(*names, *how)
+        parts = experiment.method, experiment.learned_from, experiment.shield, experiment.evaluated.name
+        return experiment.out / rows_file(*names, *parts)
 
     def recording_path(self, stage: str, seed: int) -> Path:
         """The recording of a scene of a stage."""
@@ -141,8 +141,8 @@ class Cell:
     def generation_identity(self) -> dict[str, Any]:
         """The identity of the rows of generation."""
         settings = self.settings
-        said = {
-            **artifacts.without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
+        identity = {
+            **artifacts.drop_defaults(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
             "task": self.task.name,
             "scene": self.task.identity,
             "version": self.task.version,
@@ -150,26 +150,26 @@ class Cell:
             "brain": settings.brain.identity,
         }
         if settings.brain.reads:
-            said["told"] = [self.task.title, self.task.description, self.task.target_condition]
+            identity["told"] = [self.task.title, self.task.description, self.task.target_condition]
         if settings.brain.reads or self.experiment.occupancy == "depth":
-            said["seen"] = self.experiment.pictures
-        return artifacts.plain(said)
+            identity["seen"] = self.experiment.pictures
+        return artifacts.plain(identity)
 
     def store_identity(self, pictures: Pictures) -> dict[str, Any]:
         """The identity of demonstrations with these pictures."""
         size = (pictures.height, pictures.width) if pictures.render else (0, 0)
         return {
             **self.generation_identity,
-            **artifacts.without(asdict(self.experiment.store), depth=False, segmentation=False),
+            **artifacts.drop_defaults(asdict(self.experiment.store), depth=False, segmentation=False),
             "first_seed": self.experiment.seed,
-            "cameras": [*pictures.of(len(self.task.agents))],
+            "cameras": [*pictures.camera_names(len(self.task.agents))],
             "picture": [*size],
         }
 
     def correction_identity(self, step_limit: int, policies: dict[str, Any]) -> dict[str, Any]:
         """The identity of a round of correction; `policies` is the provenance of the corrected policies."""
         experiment = self.experiment
-        said = {
+        identity = {
             **self.generation_identity,
             "demos": experiment.demos,
             "rollouts": experiment.dagger.rollouts,
@@ -177,16 +177,16 @@ class Cell:
             "policies": policies,
             "acting": experiment.policy.identity,
         }
-        return artifacts.plain(said)
+        return artifacts.plain(identity)
 
     def evaluation_identity(self, step_limit: int) -> dict[str, Any]:
         """The identity of evaluation, without the policies, which differ by training seed."""
         experiment = self.experiment
-        said: dict[str, Any] = {"shield": SHIELD_VERSION} if experiment.shield else {}
+        identity: dict[str, Any] = {"shield": SHIELD_VERSION} if experiment.shield else {}
         if self.arch.coordinated:  # its plans are made as in undisturbed generation
             undisturbed = replace(self, experiment=replace(experiment, disturbance_rad=0.0))
-            said |= {"coordinator": COORDINATOR_VERSION, "plans": undisturbed.generation_identity}
-        said |= {
+            identity |= {"coordinator": COORDINATOR_VERSION, "plans": undisturbed.generation_identity}
+        identity |= {
             "task": self.task.name,
             "scene": self.evaluated_task.identity,
             "demos": experiment.learned_from,
@@ -194,10 +194,10 @@ class Cell:
             "step_limit": step_limit,
         }
         if (foreign := experiment.foreign) is not None:
-            said |= {"foreign": foreign.identity, "velocity_rad_s": experiment.limits.velocity_rad_s}
+            identity |= {"foreign": foreign.identity, "velocity_rad_s": experiment.limits.velocity_rad_s}
         else:
-            said |= {"policy": experiment.policy.identity, "training": experiment.training.identity}
-        return artifacts.plain(said)
+            identity |= {"policy": experiment.policy.identity, "training": experiment.training.identity}
+        return artifacts.plain(identity)
 
 
 def cells(experiment: Experiment) -> Iterator[Cell]:
@@ -211,26 +211,26 @@ def known_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
     return read_rows(path, kind) if path.exists() else ()
 
 
-def alike(kind: type[R], made: object) -> dict[str, Any]:
-    """The fields of a row that `made`, an outcome or a rollout, has by the same name."""
-    return {each.name: getattr(made, each.name) for each in fields(kind) if hasattr(made, each.name)}
+def shared_fields(kind: type[R], outcome: object) -> dict[str, Any]:
+    """The fields of a row that `outcome`, an outcome or a rollout, has by the same name."""
+    return {each.name: getattr(outcome, each.name) for each in fields(kind) if hasattr(outcome, each.name)}
 
 
-def evaluated(cell: Cell) -> list[EvaluationRow]:
+def evaluation_rows(cell: Cell) -> list[EvaluationRow]:
     """The rows of the cell's policies in the scenes of the experiment."""
-    scenes, of = cell.experiment.evaluation_seeds, (cell.experiment.train_seed, cell.task.version)
+    scenes, key = cell.experiment.evaluation_seeds, (cell.experiment.train_seed, cell.task.version)
     rows = known_rows(cell.evaluation_path, EvaluationRow)
-    return [row for row in rows if row.scene_seed in scenes and (row.train_seed, row.version) == of]
+    return [row for row in rows if row.scene_seed in scenes and (row.train_seed, row.version) == key]
 
 
 @contextmanager
-def owned(
-    artifact: Path, configuration: Mapping[str, Any] | None = None, also: Sequence[Path] = ()
+def artifact_lock(
+    artifact: Path, configuration: Mapping[str, Any] | None = None, companions: Sequence[Path] = ()
 ) -> Iterator[None]:
     """Context that holds the lock of an artifact; other jobs wait for it, and print who holds it.
 
     Removes half-written files of killed jobs beside it. With `configuration`, the artifact must be made
-    from that (`same_configuration`; `also` is made together with it). Raises StageError naming what
+    from that (`same_configuration`; `companions` is made together with it). Raises StageError naming what
     differs, ArgumentError where nothing can be written.
     """
     with ExitStack() as stack:
@@ -242,28 +242,28 @@ def owned(
                 f"cannot write below {artifact.parent}: {error.strerror}; "
                 "choose another folder with out=FOLDER"
             ) from error
-        artifacts.sweep(artifact.parent)
+        artifacts.remove_stale_drafts(artifact.parent)
         if configuration is not None:
-            same_configuration(artifact, configuration, artifact.exists(), also)
+            same_configuration(artifact, configuration, artifact.exists(), companions)
         yield
 
 
 def same_configuration(
-    artifact: Path, configuration: Mapping[str, Any], made: bool, also: Sequence[Path] = ()
+    artifact: Path, configuration: Mapping[str, Any], exists: bool, companions: Sequence[Path] = ()
 ) -> None:
-    """Records an artifact's configuration, or compares if `made`. Raises StageError naming what differs."""
+    """Records an artifact's configuration, or compares if `exists`. Raises StageError naming what differs."""
     record = artifacts.configuration_file(artifact)
-    if not made:
+    if not exists:
         artifacts.write_json(record, configuration)
         return
-    listed = ", ".join(map(str, [artifact, record, *(path for path in also if path.exists())]))
+    listed = ", ".join(map(str, [artifact, record, *(path for path in companions if path.exists())]))
     remedy = f"delete {listed}, or choose another folder with out=FOLDER"
     if not record.exists():
         raise StageError(f"{artifact} is there, and {record} that says what it was made of is not; {remedy}")
     artifacts.expect_same(artifact, artifacts.read_json(record, remedy), configuration, remedy)
 
 
-def continued(
+def open_or_create(
     path: Path, identity: Mapping[str, Any], source: Store, task: Task, description: Description | None
 ) -> Store:
     """A store for writing, with the arrays of `source`: the existing one with `identity`, or a new one.
@@ -277,6 +277,13 @@ def continued(
         )
     if path.exists():
         return Store.open(path, identity, writable=True)
-    of = source.attrs
-    size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
+    attrs = source.attrs
+    size = (
+        attrs["agents"],
+        attrs["cameras"],
+        attrs["height"],
+        attrs["width"],
+        attrs["objects"],
+        source.disturbed,
+    )
     return Store.create(path, identity, *size, description, [each.model for each in task.robots])

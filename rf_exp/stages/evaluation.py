@@ -12,16 +12,23 @@ import torch
 
 from rf_exp import ablation, policy, recording, sim
 from rf_exp.ablation import EvaluationRow, GenerationRow
-from rf_exp.artifacts import code, expect_same, plain, sweep, whole
+from rf_exp.artifacts import atomic_path, code_version, expect_same, plain, remove_stale_drafts
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator, Settings
-from rf_exp.errors import about
+from rf_exp.errors import error_context
 from rf_exp.findings import Account
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
-from rf_exp.stages.cell import Cell, alike, evaluated, known_rows, owned, same_configuration
+from rf_exp.stages.cell import (
+    Cell,
+    artifact_lock,
+    evaluation_rows,
+    known_rows,
+    same_configuration,
+    shared_fields,
+)
 from rf_exp.stages.logs import rate_log
-from rf_exp.tasks import SuccessEvaluator, Task, drawn_of
+from rf_exp.tasks import SuccessEvaluator, Task, scene_draws
 from rf_exp.types import CONTROL_DT_S, Pictures, Rollout, RolloutStep
 
 
@@ -35,7 +42,7 @@ class Policies:
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainingRecord:
     """How policies were trained, for their rows."""
 
     provenance: dict[str, Any]  # as it is recorded beside the rows
@@ -44,7 +51,7 @@ class Learned:
     disturbance_rad: float = 0.0  # of the demonstrations
 
 
-def acting(cell: Cell) -> Policies:
+def policies_of(cell: Cell) -> Policies:
     """The policies of a cell, with the step limit of the task, or that of a foreign policy if it has one."""
     experiment, limit = cell.experiment, cell.task.step_limit
     if (foreign := experiment.foreign) is not None:
@@ -52,111 +59,115 @@ def acting(cell: Cell) -> Policies:
         runners = partial(policy.foreign_runners, foreign, fastest_rad, cell.task)
         return Policies(runners, foreign.step_limit or limit)
     coordinator = replace(cell.settings, disturbance_rad=0.0) if cell.arch.coordinated else None
-    return Policies(partial(_loaded, cell.policy_path, experiment.policy), limit, coordinator)
+    return Policies(partial(_load_runners, cell.policy_path, experiment.policy), limit, coordinator)
 
 
-def learned(cell: Cell) -> Learned:
+def training_record(cell: Cell) -> TrainingRecord:
     """How a cell's policies were trained. Raises StageError if that is not as the experiment says."""
     if (foreign := cell.experiment.foreign) is not None:
-        return Learned({"foreign": foreign.name})
+        return TrainingRecord({"foreign": foreign.name})
     experiment, folders = cell.experiment, [cell.policy_path / view.name for view in cell.views]
     config = replace(experiment.training, seed=experiment.train_seed)
-    wanted = {"learner": policy.LEARNER, "policy": experiment.policy.learned, "train": config.identity}
-    made = {}
+    wanted = {
+        "learner": policy.LEARNER,
+        "policy": experiment.policy.training_values,
+        "train": config.identity,
+    }
+    provenances = {}
     for folder in folders:
-        made[folder.name] = policy.provenance(folder)
+        provenances[folder.name] = policy.provenance(folder)
         policy.expect_policy(folder, wanted)
-    weights = {name: one.pop("weights") for name, one in made.items()}
-    data = next(iter(made.values()))["data"]
+    weights = {name: provenance.pop("weights") for name, provenance in provenances.items()}
+    data = next(iter(provenances.values()))["data"]
     if (brain := data["identity"].get("brain")) is not None:  # imported data have none
         remedy = "say the brain of its demonstrations, or choose another out=FOLDER"
         expect_same(
             cell.policy_path, {"brain": brain}, plain({"brain": cell.settings.brain.identity}), remedy
         )
-    said, disturbed = {"data": data, "weights": weights}, data["identity"].get("disturbance_rad", 0.0)
-    corrections = [cell.after(k + 1).correction_path for k in range(experiment.dagger.rounds)]
+    provenance, disturbed = {"data": data, "weights": weights}, data["identity"].get("disturbance_rad", 0.0)
+    corrections = [cell.after_rounds(k + 1).correction_path for k in range(experiment.dagger.rounds)]
     queries = sum(row.attempts for path in corrections for row in ablation.read_rows(path, GenerationRow))
-    return Learned(said, sum(map(policy.cost_s, folders)), queries, disturbed)
+    return TrainingRecord(provenance, sum(map(policy.cost_s, folders)), queries, disturbed)
 
 
 @lru_cache(maxsize=1)  # once per process; a finished folder never changes
-def _loaded(folder: Path, config: policy.PolicyConfig) -> tuple[policy.DiffusionRunner, ...]:
+def _load_runners(folder: Path, config: policy.PolicyConfig) -> tuple[policy.DiffusionRunner, ...]:
     return policy.load_runners(folder, acting=config)
 
 
 def evaluate_policies(cell: Cell) -> None:
     """Rolls policies out in consecutive scenes that generation never saw. Continues where it stopped."""
     experiment, path = cell.experiment, cell.evaluation_path
-    policies, made = acting(cell), learned(cell)
-    with owned(path, cell.evaluation_identity(policies.step_limit)):
-        of_seed = ablation.of_training_seed(path, experiment.train_seed)
-        there = any(r.train_seed == experiment.train_seed for r in known_rows(path, EvaluationRow))
-        same_configuration(of_seed, made.provenance, there, [path])
-        sweep(cell.recording_path("evaluate", 0).parent)
-        ours = evaluated(cell)
-        seen = {r.scene_seed for r in ours}
-        missing = [seed for seed in experiment.evaluation_seeds if seed not in seen]
+    policies, training = policies_of(cell), training_record(cell)
+    with artifact_lock(path, cell.evaluation_identity(policies.step_limit)):
+        provenance_file = ablation.training_seed_file(path, experiment.train_seed)
+        exists = any(r.train_seed == experiment.train_seed for r in known_rows(path, EvaluationRow))
+        same_configuration(provenance_file, training.provenance, exists, [path])
+        remove_stale_drafts(cell.recording_path("evaluate", 0).parent)
+        rows = evaluation_rows(cell)
+        done = {r.scene_seed for r in rows}
+        missing = [seed for seed in experiment.evaluation_seeds if seed not in done]
         title = cell.title("evaluate") + ", shielded" * experiment.shield
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
-        successes = sum(r.success for r in ours)
+        successes = sum(r.success for r in rows)
         with (
-            Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
-            rate_log(cell, "evaluate", ours) as log,
+            Progress(title, experiment.scenes, "scenes", len(done)) as progress,
+            rate_log(cell, "evaluate", rows) as log,
         ):
-            scene = scene_of(cell, policies)
-            jobs = (partial(scene, seed) for seed in missing)
+            evaluate = scene_evaluator(cell, policies)
+            jobs = (partial(evaluate, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-            for tried, (seed, answer) in enumerate(zip(missing, results, strict=True), start=len(seen) + 1):
+            for number, (seed, answer) in enumerate(zip(missing, results, strict=True), start=len(done) + 1):
                 if isinstance(answer, Timeout):
                     lost = Account(ended=str(answer))
                     answer = Rollout(seed, False, False, 0, 0, 0, account=lost), answer.limit_s
                 result, wall_s = answer
-                row = _row(cell, policies.step_limit, made, result, wall_s)
+                row = _row(cell, policies.step_limit, training, result, wall_s)
                 ablation.append_row(path, row)
-                ours.append(row)
+                rows.append(row)
                 log(row)
                 successes += result.success
-                progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        _look(cell, policies, ours)
+                progress.advance(note=f"{successes} of {number} scenes succeeded")
+        _record_missing(cell, policies, rows)
 
 
-def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> None:
+def _record_missing(cell: Cell, policies: Policies, rows: Sequence[EvaluationRow]) -> None:
     """Makes missing recordings and films by rolling out again: the same seed gives the same rollout."""
-    experiment, scene = cell.experiment, scene_of(cell, policies)
+    experiment, evaluate = cell.experiment, scene_evaluator(cell, policies)
     recorded = experiment.recorded("evaluate", experiment.evaluation_seeds)
-    filmed = ablation.worth_seeing(known, experiment.films)
-    how = experiment.train_seed, experiment.shield, experiment.evaluated.name
-    stage = ablation.rollout_name(cell.arch.name, experiment.method, experiment.learned_from, *how)
-    before = {r.scene_seed: r for r in known}
-    looks: list[tuple[int, list[Path]]] = []
+    filmed = ablation.seeds_to_film(rows, experiment.films)
+    policy_key = experiment.train_seed, experiment.shield, experiment.evaluated.name
+    stage = ablation.rollout_name(cell.arch.name, experiment.method, experiment.learned_from, *policy_key)
+    row_by_seed = {r.scene_seed: r for r in rows}
+    pending: list[tuple[int, list[Path]]] = []
     jobs: list[Callable[[], Any]] = []
     for seed in sorted({*recorded, *filmed}):
         record = cell.recording_path(stage, seed)
         film, picture = record.with_suffix(ablation.FILM), record.with_suffix(ablation.PICTURE)
         wanted = [record] * (seed in recorded) + [film, picture] * (seed in filmed)
         if missing := [path for path in wanted if not path.exists()]:
-            looks.append((seed, missing))
+            pending.append((seed, missing))
             to_record = record if record in missing else None
             to_film = film if {film, picture} & {*missing} else None
-            jobs.append(partial(scene, seed, record=to_record, film=to_film))
-    made = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-    for (seed, missing), look in zip(looks, made, strict=True):
-        if isinstance(look, Timeout):
-            console.print(f"warning: scene {seed} is not recorded: {look}")
+            jobs.append(partial(evaluate, seed, record=to_record, film=to_film))
+    results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
+    for (seed, missing), answer in zip(pending, results, strict=True):
+        if isinstance(answer, Timeout):
+            console.print(f"warning: scene {seed} is not recorded: {answer}")
             continue
-        result, _ = look
+        result, _ = answer
         for path in missing:
             console.print(f"recorded {path}")
-        then = before.get(seed)
-        if then is not None and (then.success, then.steps) != (result.success, result.steps):
+        row = row_by_seed.get(seed)
+        if row is not None and (row.success, row.steps) != (result.success, result.steps):
             console.print(
                 f"warning: scene {seed} ended otherwise than in its row: success {result.success} after "
-                f"{result.steps} steps, there {then.success} after {then.steps}"
+                f"{result.steps} steps, there {row.success} after {row.steps}"
             )
 
 
-def scene_of(cell: Cell, policies: Policies) -> Callable[..., tuple[Rollout, float]]:
+def scene_evaluator(cell: Cell, policies: Policies) -> Callable[..., tuple[Rollout, float]]:
     """`evaluate_scene` of a cell, to be called with a seed."""
     pictures, shield = cell.experiment.pictures, cell.experiment.shield
     return partial(evaluate_scene, cell.evaluated_task, pictures, policies, shield=shield)
@@ -176,70 +187,78 @@ def evaluate_scene(
 
     A picture of the last moment is written beside a film. `watch` is called with every step.
     """
-    began = time.perf_counter()
+    start_s = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
-    world = sim.shared_simulator(task, pictures)
-    start = world.reset(seed)
-    shown, large, standing = world, pictures.enlarged, world.task  # the task as varied in this scene
+    simulator = sim.shared_simulator(task, pictures)
+    start = simulator.reset(seed)
+    display, enlarged, scene_task = (
+        simulator,
+        pictures.enlarged,
+        simulator.task,
+    )  # the task as varied in this scene
     observers: list[recording.RolloutRecorder | recording.RolloutFilm] = []
-    watchers: list[Callable[[RolloutStep], None]] = []
+    callbacks: list[Callable[[RolloutStep], None]] = []
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
-        stack.enter_context(about(f"scene {seed}"))
-        if (record or film) and pictures.render and large != pictures:  # larger pictures, for people
-            shown = stack.enter_context(sim.Simulator(task, width_px=large.width, height_px=large.height))
-            shown.reset(seed)
-            watchers.append(partial(recording.follow, shown))
+        stack.enter_context(error_context(f"scene {seed}"))
+        if (record or film) and pictures.render and enlarged != pictures:  # larger pictures, for people
+            display = stack.enter_context(
+                sim.Simulator(task, width_px=enlarged.width, height_px=enlarged.height)
+            )
+            display.reset(seed)
+            callbacks.append(partial(recording.show_measured_state, display))
         if record is not None:
-            draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
-            recorder = recording.RolloutRecorder(draft, standing, shown, title)
+            draft, title = stack.enter_context(atomic_path(record)), f"{task.title}, policy, scene {seed}"
+            recorder = recording.RolloutRecorder(draft, scene_task, display, title)
             observers.append(stack.enter_context(recorder))
         if film is not None:
             paths = film, film.with_suffix(ablation.PICTURE)
-            draft, picture = (stack.enter_context(whole(path)) for path in paths)
-            observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, standing, shown)))
-        watchers += [observer.rolled for observer in observers] + ([] if watch is None else [watch])
+            draft, picture = (stack.enter_context(atomic_path(path)) for path in paths)
+            observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, scene_task, display)))
+        callbacks += [observer.rolled for observer in observers] + ([] if watch is None else [watch])
         for observer in observers:
             observer.begun(start)
 
-        def look(step: RolloutStep) -> None:
-            for watcher in watchers:
-                watcher(step)
+        def on_step(step: RolloutStep) -> None:
+            for callback in callbacks:
+                callback(step)
 
         runners, coordinator = policies.make_runners(), None
         if policies.coordinator is not None:
             assert isinstance(runners[0], policy.DiffusionRunner)  # a trained one, with numbered subgoals
-            plans = replace(policies.coordinator, task=standing)
+            plans = replace(policies.coordinator, task=scene_task)
             coordinator = Coordinator(plans, seed, start, runners[0].spec.names)
-        judge, monitor = SuccessEvaluator(standing, start), PolicyMonitor(standing)
-        aids = look, start, policy.Shield(standing) if shield else None, coordinator
-        result = policy.rollout(world, judge, runners, seed, policies.step_limit, monitor, *aids)
+        evaluator, monitor = SuccessEvaluator(scene_task, start), PolicyMonitor(scene_task)
+        options = on_step, start, policy.Shield(scene_task) if shield else None, coordinator
+        result = policy.rollout(simulator, evaluator, runners, seed, policies.step_limit, monitor, *options)
         for observer in observers:
             observer.ended(result)
-    return result, time.perf_counter() - began
+    return result, time.perf_counter() - start_s
 
 
-def _row(cell: Cell, limit: int, learned: Learned, result: Rollout, wall_s: float) -> EvaluationRow:
+def _row(
+    cell: Cell, step_limit: int, training: TrainingRecord, result: Rollout, wall_s: float
+) -> EvaluationRow:
     experiment, foreign = cell.experiment, cell.experiment.foreign
     return EvaluationRow(
-        **alike(EvaluationRow, result),
+        **shared_fields(EvaluationRow, result),
         task=cell.task.name,
         arch=cell.arch.name,
         constraints=cell.constraint_set.name,
         demos=experiment.learned_from,
         train_seed=experiment.train_seed,
         scene_seed=result.seed,
-        step_limit=limit,
+        step_limit=step_limit,
         wall_s=round(wall_s, 3),
         version=cell.task.version,
-        commit=code(),
+        commit=code_version(),
         observation=foreign.observation if foreign else experiment.policy.observation,
-        disturbance_rad=learned.disturbance_rad,
+        disturbance_rad=training.disturbance_rad,
         shield=experiment.shield,
         recipe=experiment.method,
-        core_s=round(learned.core_s, 1),
-        queries=learned.queries,
+        core_s=round(training.core_s, 1),
+        queries=training.queries,
         variation=experiment.evaluated.name,
-        drawn=drawn_of(cell.evaluated_task, result.seed),
+        drawn=scene_draws(cell.evaluated_task, result.seed),
     )

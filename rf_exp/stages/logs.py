@@ -14,7 +14,7 @@ from rf_exp.stages.cell import Cell
 
 ResultRow = GenerationRow | EvaluationRow
 Log = Callable[[int, Mapping[str, float]], None]
-TOLD = (  # keys of the experiment that a run's configuration has too
+LOGGED_KEYS = (  # keys of the experiment that a run's configuration has too
     *("recipe", "demos", "episodes", "seed", "train_seed", "scenes"),
     *("attempts", "occupancy", "name", "shield"),
 )
@@ -22,11 +22,11 @@ TOLD = (  # keys of the experiment that a run's configuration has too
 
 @contextmanager
 def rate_log(
-    cell: Cell, stage: str, known: Iterable[ResultRow] = ()
+    cell: Cell, stage: str, earlier: Iterable[ResultRow] = ()
 ) -> Iterator[Callable[[ResultRow], None]]:
-    """Context with a function that logs a stage's rates after each row; `known` are rows of earlier runs."""
+    """Context with a function that logs a stage's rates after each row; `earlier`: rows of earlier runs."""
     rates = Rates()
-    for result in known:
+    for result in earlier:
         rates.add(result)
 
     def add(result: ResultRow) -> None:
@@ -42,11 +42,11 @@ class Rates:
 
     def __init__(self) -> None:
         self.rows = 0
-        self._counted: Counter[str] = Counter()
+        self._counts: Counter[str] = Counter()
 
     def add(self, row: ResultRow) -> None:
         self.rows += 1
-        self._counted.update(
+        self._counts.update(
             success=row.success,
             success_paper=row.success_paper,
             success_without_violation=row.success and not row.violations,
@@ -57,9 +57,9 @@ class Rates:
 
     def figures(self) -> dict[str, float]:
         """Rates in [0, 1], the mean number of violations of a row, the mean control steps of a success."""
-        figures = {name: count / self.rows for name, count in self._counted.items() if name != "steps"}
-        if successes := self._counted["success"]:
-            figures["steps"] = self._counted["steps"] / successes
+        figures = {name: count / self.rows for name, count in self._counts.items() if name != "steps"}
+        if successes := self._counts["success"]:
+            figures["steps"] = self._counts["steps"] / successes
         return figures
 
 
@@ -86,7 +86,7 @@ def run_log(cell: Cell, stage: str, view: str = "") -> Iterator[Log]:
                     job_type=stage,
                     settings=wandb.Settings(silent=True, console="off"),
                     reinit="create_new",  # policies that train side by side have runs of their own
-                    **identity(cell, stage, view),
+                    **run_settings(cell, stage, view),
                 )
             except wandb.Error as error:
                 raise StageError(
@@ -101,13 +101,13 @@ def run_log(cell: Cell, stage: str, view: str = "") -> Iterator[Log]:
             run.finish()
 
 
-def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
+def run_settings(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
     """Name, group, tags and configuration of a run."""
-    experiment, arch = cell.experiment, cell.chosen_arch
-    counted = f"{experiment.learned_from if stage == 'evaluate' else experiment.demos} demos"
+    experiment, arch = cell.experiment, cell.optional_arch
+    amount = f"{experiment.learned_from if stage == 'evaluate' else experiment.demos} demos"
     if stage == "generate" and experiment.episodes is not None:
-        counted = f"{experiment.episodes} episodes"
-    learned = [experiment.method] if arch else []
+        amount = f"{experiment.episodes} episodes"
+    method = [experiment.method] if arch else []
     seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
     shielded = ["shield"] if stage == "evaluate" and experiment.shield else []
     config = {
@@ -120,14 +120,14 @@ def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
         "brain": dict(experiment.brain.identity),
         "criteria_version": cell.task.version,
         "first_scene_seed": experiment.seed if stage == "generate" else experiment.first_scene,
-        **{key: getattr(experiment, key) for key in TOLD},
+        **{key: getattr(experiment, key) for key in LOGGED_KEYS},
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }
-    how, of_view = [*learned, counted, seed], f"/{view}" if view else ""
+    parts, view_suffix = [*method, amount, seed], f"/{view}" if view else ""
     return {
-        "name": ", ".join([f"{stage} {cell.place}{of_view}", *how, *shielded]),
-        "group": ", ".join([cell.place, *how]),
-        "tags": [*cell.place.split("/"), *how, *shielded],
+        "name": ", ".join([f"{stage} {cell.label}{view_suffix}", *parts, *shielded]),
+        "group": ", ".join([cell.label, *parts]),
+        "tags": [*cell.label.split("/"), *parts, *shielded],
         "config": config,
     }
 

@@ -14,9 +14,9 @@ from rf_exp import sim  # as a module, as most trainings redraw nothing and do n
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import Progress
-from rf_exp.stages.cell import continued, owned
+from rf_exp.stages.cell import artifact_lock, open_or_create
 from rf_exp.store import Store
-from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
+from rf_exp.tasks import PHYSICAL_KEYS, Task, Variation, scene_certificate
 from rf_exp.types import Episode
 
 
@@ -29,43 +29,47 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
     """
     if copies < 2:
         raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
-    now = plain(task.identity)
-    if source.identity.get("scene", now) != now:  # imported stores have none, and are refused below
+    current_scene = plain(task.identity)
+    if (
+        source.identity.get("scene", current_scene) != current_scene
+    ):  # imported stores have none, and are refused below
         raise ArgumentError(
             f"{source.path} is of other scenes than the task has now; say with which variation it was "
             "generated, or generate again"
         )
-    if other := [name for name in PHYSICAL if getattr(task.variation, name) != getattr(variation, name)]:
+    if moving := [
+        name for name in PHYSICAL_KEYS if getattr(task.variation, name) != getattr(variation, name)
+    ]:
         raise ArgumentError(
-            f"variation {variation.name!r} has another {' and another '.join(other)} than the demonstrations"
+            f"variation {variation.name!r} has another {' and another '.join(moving)} than the demonstrations"
             "; that moves things, where pictures alone are drawn anew: generate with it"
         )
-    if not variation.seen:
+    if not variation.varies_visually:
         raise ArgumentError(f"variation {variation.name!r} shows nothing in pictures; expected one that does")
     task = replace(task, variation=variation)
     scene = {**source.identity["scene"], "variation": variation.identity}
     identity = plain({**source.identity, "scene": scene, "copies": copies})
-    said = source.description and replace(source.description, depth=False, labels=())
-    with owned(path), continued(path, identity, source, task, said) as store:
+    description = source.description and replace(source.description, depth=False, labels=())
+    with artifact_lock(path), open_or_create(path, identity, source, task, description) as store:
         if missing := range(len(store), len(source) * copies):
-            world = sim.Simulator(task, width_px=source.attrs["width"], height_px=source.attrs["height"])
+            simulator = sim.Simulator(task, width_px=source.attrs["width"], height_px=source.attrs["height"])
             progress = Progress(f"redraw {path.name}", missing.stop, "episodes", missing.start)
-            with world, progress:
+            with simulator, progress:
                 for number in missing:
                     index, copy = divmod(number, copies)
                     episode = replace(source.episode(index), extras={})
-                    store.append(copied(world, episode, task, copy) if copy else episode)
+                    store.append(render_copy(simulator, episode, task, copy) if copy else episode)
                     progress.advance()
     return path
 
 
-def copied(world: "sim.Simulator", episode: Episode, task: Task, copy: int) -> Episode:
+def render_copy(simulator: "sim.Simulator", episode: Episode, task: Task, copy: int) -> Episode:
     """The episode with the pictures of copy number `copy`."""
-    world.reset(episode.seed, copy)
+    simulator.reset(episode.seed, copy)
     images = {name: np.empty_like(pictures) for name, pictures in episode.images.items()}
     for step, qpos in enumerate(episode.qpos):
-        world.place(qpos, {name: rows[step] for name, rows in episode.poses.items()})
-        for name, picture in world.images(images).items():
+        simulator.place(qpos, {name: rows[step] for name, rows in episode.poses.items()})
+        for name, picture in simulator.images(images).items():
             images[name][step] = picture
-    said = {**scene_certificate(task, episode.seed, copy), "copy": copy}
-    return replace(episode, images=images, certificate={**episode.certificate, **said})
+    copy_certificate = {**scene_certificate(task, episode.seed, copy), "copy": copy}
+    return replace(episode, images=images, certificate={**episode.certificate, **copy_certificate})

@@ -18,16 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.ablation import GenerationRow
-from rf_exp.artifacts import differing, digest, without, write_json
+from rf_exp.artifacts import digest, drop_defaults, find_differences, write_json
 from rf_exp.errors import StageError
-from rf_exp.launch import HERE, results
+from rf_exp.launch import LOCAL, results
 from rf_exp.progress import console
-from rf_exp.stages.cell import Cell, known_rows, owned
+from rf_exp.stages.cell import Cell, artifact_lock, known_rows
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
-RECORD = "configuration.json"  # with the identity of all shards of a folder
-SEEN_S = 90.0  # NFS caches for a minute that a file does not exist
+IDENTITY_FILE = "configuration.json"  # with the identity of all shards of a folder
+VISIBILITY_S = 90.0  # NFS caches for a minute that a file does not exist
 _NAME = re.compile(r"(\d+)-(\d+)")
 
 Attempt = tuple[GenerationRow, Episode | None]
@@ -44,7 +44,7 @@ class Shards:
     def identity(self) -> dict[str, Any]:
         """The identity of all shards: what decides their bytes beside the seeds."""
         experiment = self.cell.experiment
-        return without(self.cell.store_identity(experiment.pictures), first_seed=experiment.seed)
+        return drop_defaults(self.cell.store_identity(experiment.pictures), first_seed=experiment.seed)
 
     @cached_property
     def folder(self) -> Path:
@@ -57,38 +57,42 @@ class Shards:
         Begins only shards that would be needed if every seed succeeded. Raises StageError where shards cannot
         be made, or have the wrong content.
         """
-        launch, left = self.cell.experiment.launch, dict.fromkeys(seeds)
-        write_json(self.folder / RECORD, self.identity)
-        while left and wanted != 0:
-            wave = blocks([*left], begun(self.folder), launch.shard_seeds, wanted)
-            missing = [block for block in wave if not self._finished(block)]
-            jobs = (partial(make_shard, self.piece(block), self.identity) for block in missing)
-            made = results(launch, jobs, self.cell.experiment.workers, self.folder)
-            console.print(f"{len(missing)} of {len(wave)} shards are made by {launch.said}: {self.folder}")
-            with closing(made):
-                for block in wave:
+        launch, remaining = self.cell.experiment.launch, dict.fromkeys(seeds)
+        write_json(self.folder / IDENTITY_FILE, self.identity)
+        while remaining and wanted != 0:
+            planned = plan_shards([*remaining], existing_shards(self.folder), launch.shard_seeds, wanted)
+            missing = [block for block in planned if not self._finished(block)]
+            jobs = (partial(make_shard, self.shard_for(block), self.identity) for block in missing)
+            finished = results(launch, jobs, self.cell.experiment.workers, self.folder)
+            console.print(
+                f"{len(missing)} of {len(planned)} shards are made by {launch.label}: {self.folder}"
+            )
+            with closing(finished):
+                for block in planned:
                     if block in missing:
-                        next(made)
-                        end = time.monotonic() + SEEN_S  # this machine may see it later than another
-                        while not self._finished(block) and time.monotonic() < end:
+                        next(finished)
+                        deadline = (
+                            time.monotonic() + VISIBILITY_S
+                        )  # this machine may see it later than another
+                        while not self._finished(block) and time.monotonic() < deadline:
                             time.sleep(1.0)
-                    for row, episode in self._taken(block, left):
+                    for row, episode in self._read_shard(block, remaining):
                         yield row, episode
-                        del left[row.seed]
+                        del remaining[row.seed]
                         if wanted is not None:
                             wanted -= row.success
                         if wanted == 0:
                             break
-                    if left.keys().isdisjoint(block):
+                    if remaining.keys().isdisjoint(block):
                         shutil.rmtree(self.folder / _name(block))
-        if not begun(self.folder):
+        if not existing_shards(self.folder):
             shutil.rmtree(self.folder)
 
-    def piece(self, block: range) -> "Shards":
+    def shard_for(self, block: range) -> "Shards":
         """The shard of one block, as a value for the process that makes it."""
-        whole = self.cell.experiment
+        parent = self.cell.experiment
         experiment = replace(
-            whole,
+            parent,
             tasks=(self.cell.task,),
             constraint_sets=(self.cell.constraint_set,),
             stages=("generate",),
@@ -98,68 +102,70 @@ class Shards:
             workers=1,
             recordings=0,
             wandb="disabled",
-            launch=replace(whole.launch, engine=HERE, address=None, options=None),
+            launch=replace(parent.launch, engine=LOCAL, address=None, options=None),
         )
         return replace(self, cell=replace(self.cell, experiment=experiment))
 
     def _rows(self, block: range) -> dict[int, GenerationRow]:
-        path = self.piece(block).cell.generation_path
+        path = self.shard_for(block).cell.generation_path
         return {row.seed: row for row in known_rows(path, GenerationRow)}
 
     def _finished(self, block: range) -> bool:
         return self._rows(block).keys() == {*block}
 
-    def _taken(self, block: range, left: Container[int]) -> Iterator[Attempt]:
-        cell = self.piece(block).cell
-        with owned(cell.generation_path):  # waits for the process that makes it
-            told = self._rows(block)
+    def _read_shard(self, block: range, remaining: Container[int]) -> Iterator[Attempt]:
+        cell = self.shard_for(block).cell
+        with artifact_lock(cell.generation_path):  # waits for the process that makes it
+            rows = self._rows(block)
             store = Store.open(cell.data_path, {**self.identity, "first_seed": block.start})
             stored = {seed: index for index, seed in enumerate(store.seeds.tolist())}
-            if {*told} != {*block} or {*stored} != {seed for seed in told if told[seed].success}:
+            if {*rows} != {*block} or {*stored} != {seed for seed in rows if rows[seed].success}:
                 raise StageError(
-                    f"shard {cell.experiment.out} has rows of the seeds {sorted(told)} and demonstrations of "
+                    f"shard {cell.experiment.out} has rows of the seeds {sorted(rows)} and demonstrations of "
                     f"{sorted(stored)}; expected a row of every seed from {block[0]} to {block[-1]}, and a "
                     "demonstration of each that succeeded; delete it and run the same command again"
                 )
-            for seed in (seed for seed in block if seed in left):
-                yield told[seed], store.episode(stored[seed]) if seed in stored else None
+            for seed in (seed for seed in block if seed in remaining):
+                yield rows[seed], store.episode(stored[seed]) if seed in stored else None
 
 
-def begun(folder: Path) -> list[range]:
+def existing_shards(folder: Path) -> list[range]:
     """The seeds of each existing shard, finished or not, in their order."""
-    found = (_NAME.fullmatch(path.name) for path in folder.iterdir())
-    return sorted((range(int(name[1]), int(name[2]) + 1) for name in found if name), key=lambda b: b[0])
+    matches = (_NAME.fullmatch(path.name) for path in folder.iterdir())
+    return sorted((range(int(match[1]), int(match[2]) + 1) for match in matches if match), key=lambda b: b[0])
 
 
-def blocks(seeds: Sequence[int], there: Sequence[range], size: int, wanted: int | None) -> list[range]:
+def plan_shards(
+    seeds: Sequence[int], existing: Sequence[range], size: int, wanted: int | None
+) -> list[range]:
     """The shards of ascending `seeds`, or the first `wanted`: existing ones, and new ones of up to `size`."""
-    new = {seed for seed in seeds if not any(seed in block for block in there)}
+    new = {seed for seed in seeds if not any(seed in block for block in existing)}
     needed, covered = len(seeds) if wanted is None else min(wanted, len(seeds)), 0
-    found: list[range] = []
+    planned: list[range] = []
     while covered < needed:
         first = last = seeds[covered]
         while {last, last + 1} <= new and last + 1 - first < size:
             last += 1
-        around = [block for block in there if first in block]
-        found.append(max(around, key=lambda block: block[-1], default=range(first, last + 1)))
-        covered += sum(seed in found[-1] for seed in seeds[covered:])
-    return found
+        containing = [block for block in existing if first in block]
+        planned.append(max(containing, key=lambda block: block[-1], default=range(first, last + 1)))
+        covered += sum(seed in planned[-1] for seed in seeds[covered:])
+    return planned
 
 
 def _name(block: range) -> str:
     return f"{block[0]}-{block[-1]}"
 
 
-def make_shard(piece: Shards, wanted: Mapping[str, Any]) -> None:
-    """Makes a shard on the engine's machine. Raises StageError if its identity there is not `wanted`."""
-    here, folder = f"machine {socket.gethostname()}", piece.cell.experiment.out.parent
-    if not (folder / RECORD).is_file():
+def make_shard(shard: Shards, expected: Mapping[str, Any]) -> None:
+    """Makes a shard on the engine's machine. Raises StageError if its identity there is not `expected`."""
+    host, folder = f"machine {socket.gethostname()}", shard.cell.experiment.out.parent
+    if not (folder / IDENTITY_FILE).is_file():
         raise StageError(
-            f"{here} does not see {folder}; `out` has to be on a file system that all machines share"
+            f"{host} does not see {folder}; `out` has to be on a file system that all machines share"
         )
-    if differences := differing(piece.identity, wanted):
+    if differences := find_differences(shard.identity, expected):
         raise StageError(
-            f"{here} would make other demonstrations ({'; '.join(differences)}); all machines need the same "
+            f"{host} would make other demonstrations ({'; '.join(differences)}); all machines need the same "
             "code and the same assets"
         )
-    piece.generate(piece.cell)
+    shard.generate(shard.cell)

@@ -9,8 +9,8 @@ from rf_exp.statements.language.base import (
     TOGETHER_S,
     Event,
     LiesOn,
-    OfAgent,
-    OfAgents,
+    MultiAgentStatement,
+    OneAgentStatement,
     Proposal,
     Statement,
     Step,
@@ -21,14 +21,14 @@ from rf_exp.statements.language.base import (
 )
 from rf_exp.statements.language.reading import (
     MAX_LENGTH,
-    Unread,
+    UnparsedStatement,
     read,
+    read_or_unparsed,
     read_subgoal,
     samples,
     subgoal_forms,
-    understood,
 )
-from rf_exp.statements.language.verbs import VERBS, Narrow, Verb, add_verb
+from rf_exp.statements.language.verbs import VERBS, AmbiguousSynonym, Verb, add_verb
 
 # Kinds are shown in prompts, and tried on sentences, in the order of their definition.
 # isort: off
@@ -52,6 +52,7 @@ __all__ = [
     "TABLE",
     "TOGETHER_S",
     "VERBS",
+    "AmbiguousSynonym",
     "AvoidAgents",
     "AvoidObjects",
     "Before",
@@ -64,9 +65,8 @@ __all__ = [
     "KeepLevel",
     "KeepOut",
     "LiesOn",
-    "Narrow",
-    "OfAgent",
-    "OfAgents",
+    "MultiAgentStatement",
+    "OneAgentStatement",
     "PlaceAt",
     "Proposal",
     "SameHeight",
@@ -75,7 +75,7 @@ __all__ = [
     "Statement",
     "Step",
     "Together",
-    "Unread",
+    "UnparsedStatement",
     "Verb",
     "Vocabulary",
     "Words",
@@ -85,8 +85,8 @@ __all__ = [
     "keep_clear",
     "kinds",
     "read",
+    "read_or_unparsed",
     "read_subgoal",
     "samples",
     "subgoal_forms",
-    "understood",
 ]

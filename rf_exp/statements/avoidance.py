@@ -3,9 +3,16 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, OfAgents, Statement, Words, agent_name, listed
+from rf_exp.statements.language.base import (
+    MultiAgentStatement,
+    OneAgentStatement,
+    Statement,
+    Words,
+    agent_list,
+    agent_name,
+)
 
-_KEEPS_OFF = r"(?:avoid {collisions} (?:between|of) {agent} (?:and|with)|{agent} {not} {collide with})"
+_AVOIDS = r"(?:avoid {collisions} (?:between|of) {agent} (?:and|with)|{agent} {not} {collide with})"
 _EACH_OTHER = (
     r"(?:{must} avoid (?:colliding|collisions?|contact) with each other|"
     r"{not} collide(?: with each other)?)"
@@ -13,12 +20,12 @@ _EACH_OTHER = (
 
 
 @dataclass(frozen=True)
-class AvoidAgents(OfAgents):
+class AvoidAgents(MultiAgentStatement):
     """One agent touches no other, or several do not touch one another."""
 
     kind = "spatial"
     patterns = (
-        rf"{_KEEPS_OFF} {{others}}",
+        rf"{_AVOIDS} {{others}}",
         r"(?:avoid {collisions} between {agent} and|{agent} {must} avoid(?: {collisions} with)?) "
         r"{agent other}",
         r"{agent} {not} (?:occupy the same space as|{collide with}|enter the space of) {agent other}",
@@ -30,26 +37,26 @@ class AvoidAgents(OfAgents):
     def sentence(self) -> str:
         first, *others = map(agent_name, self.who)
         if len(others) > 1:
-            return f"{listed(self.who)} must avoid colliding with each other."
+            return f"{agent_list(self.who)} must avoid colliding with each other."
         return f"Avoid collision between {first} and {others[0] if others else 'other agents'}."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         if "other_agent" in words:
             agents = words.pair()
         elif "agent" in words:
             agents = (words.agent(),)
         else:
-            agents = words.agents() if "agents" in words else words.several(words.vocabulary.agents)
+            agents = words.agents() if "agents" in words else words.require_two(words.vocabulary.agents)
         return cls(tuple(sorted(agents)))
 
 
 @dataclass(frozen=True)
-class AvoidObjects(OfAgent):
+class AvoidObjects(OneAgentStatement):
     """An agent touches no object except those of its subgoals."""
 
     kind = "spatial"
-    patterns = (rf"{_KEEPS_OFF} {{things}}",)
+    patterns = (rf"{_AVOIDS} {{things}}",)
 
     @property
     def sentence(self) -> str:

@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 from rf_exp.statements.language.base import Event, LiesOn, Statement, Step, Words, agent_name
 from rf_exp.statements.language.notation import number
-from rf_exp.types import ANYBODY
+from rf_exp.types import ANY_AGENT
 
 _DOES = r"{does then} {object then}"
 
@@ -35,21 +35,22 @@ class Before(Statement):
 
     @property
     def sentence(self) -> str:
-        first, then, who = self.first, self.then, agent_name(self.then.agent)
+        first, then, agent = self.first, self.then, agent_name(self.then.agent)
         if self.wait_s:
-            what = f"{then.does('')} at least" if then.verb else "wait"
-            return f"{who} must {what} {number(self.wait_s)} s after {first.ended}."
+            action = f"{then.action_text('')} at least" if then.verb else "wait"
+            return f"{agent} must {action} {number(self.wait_s)} s after {first.end_text}."
         if isinstance(first, LiesOn):
-            what = f"{then.does('')} only after" if then.verb else "wait until"
-            return f"{who} must {what} {first.ended}."
-        begins = f"may {then.does('')}" if then.verb else "begins"
-        return f"{agent_name(first.agent)} must {first.does('complete its task')} before {who} {begins}."
+            action = f"{then.action_text('')} only after" if then.verb else "wait until"
+            return f"{agent} must {action} {first.end_text}."
+        begins = f"may {then.action_text('')}" if then.verb else "begins"
+        action = first.action_text("complete its task")
+        return f"{agent_name(first.agent)} must {action} before {agent} {begins}."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         first, then = words.event("first"), words.step("then")
-        if isinstance(first, Step) and first.agent == then.agent != ANYBODY:
-            words.several((then.agent,))
+        if isinstance(first, Step) and first.agent == then.agent != ANY_AGENT:
+            words.require_two((then.agent,))
         return cls(first, then, words.seconds(0.0))
 
 

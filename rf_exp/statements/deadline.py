@@ -19,11 +19,11 @@ class Deadline(Statement):
 
     @property
     def sentence(self) -> str:
-        what = self.step.does("finish")
-        return f"{agent_name(self.step.agent)} must {what} within {number(self.within_s)} s."
+        action = self.step.action_text("finish")
+        return f"{agent_name(self.step.agent)} must {action} within {number(self.within_s)} s."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         return cls(words.step(), words.seconds())
 
 

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rf_exp.statements.interaction import ContactAt
-from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.base import OneAgentStatement, Statement, Words, agent_name
 from rf_exp.statements.language.verbs import VERBS
 from rf_exp.types import Subgoal
 
 
 @dataclass(frozen=True)
-class Direction(OfAgent):
+class Direction(OneAgentStatement):
     """Interaction direction: orientation of an agent's gripper, at contact or during a subgoal."""
 
     kind = "logical"
@@ -29,17 +29,17 @@ class Direction(OfAgent):
 
     @property
     def sentence(self) -> str:
-        to = "to" if self.direction == "perpendicular" else "at"
-        when = f" when {VERBS[self.verb].gerund} it" if self.verb else ""
-        who = agent_name(self.agent)
-        return f"The gripper of {who} must be {self.direction} {to} {self.object}{when}."
+        preposition = "to" if self.direction == "perpendicular" else "at"
+        phase = f" when {VERBS[self.verb].gerund} it" if self.verb else ""
+        agent = agent_name(self.agent)
+        return f"The gripper of {agent} must be {self.direction} {preposition} {self.object}{phase}."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         agent, name, direction = words.agent(), words.object(), words.direction()
         verb = words.verb(contact=words["direction"] in ("from above", "from the side", "perpendicularly"))
         if verb and direction == "perpendicular" and not VERBS[verb].is_contact:
-            raise words.refused(
+            raise words.error(
                 f"is not possible: perpendicular is about contact, which to {verb} {name} is not; "
                 "say vertical, horizontal or level"
             )
@@ -48,9 +48,11 @@ class Direction(OfAgent):
 
 def grasping(subgoals: Iterable[Subgoal]) -> list[Statement]:
     """Interaction position and direction of every grasp among subgoals."""
-    grasps = [each for each in subgoals if each.verb == "grasp" and each.object and each.point]
-    positions = [ContactAt(each.agent, "grasp", each.object or "", each.point or "") for each in grasps]
-    return [*positions, *(Direction(each.agent, each.object or "") for each in grasps)]
+    grasps = [subgoal for subgoal in subgoals if subgoal.verb == "grasp" and subgoal.object and subgoal.point]
+    positions = [
+        ContactAt(subgoal.agent, "grasp", subgoal.object or "", subgoal.point or "") for subgoal in grasps
+    ]
+    return [*positions, *(Direction(subgoal.agent, subgoal.object or "") for subgoal in grasps)]
 
 
 Direction.samples = (Direction(1, "barrier"), Direction(1, "lid", "level", "lift"))

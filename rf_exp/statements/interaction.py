@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Names, OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.base import Names, OneAgentStatement, Statement, Words, agent_name
 from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS
 
-WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
+POINT_USES = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
 
 
 @dataclass(frozen=True)
-class ContactAt(OfAgent):
+class ContactAt(OneAgentStatement):
     """Interaction position: the gripper of an agent meets an object at an annotated point."""
 
     kind = "logical"
@@ -31,19 +31,21 @@ class ContactAt(OfAgent):
         return f"{agent_name(self.agent)} must {self.verb} {self.object} at its {self.point} point."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         agent, name, verb = words.agent(), words.object(), words.verb(contact=True) or ""
         point = words.point(name)
         kind = words.vocabulary.points[name][point]
         if kind not in CONTACT_KINDS:
-            raise words.refused(f"is not possible: {point} of {name} is for {WORK[kind]}, not for a gripper")
+            raise words.error(
+                f"is not possible: {point} of {name} is for {POINT_USES[kind]}, not for a gripper"
+            )
         if VERBS[verb].meets != kind:
-            raise words.refused(f"is not possible: the {point} point of {name} is to {kind}, not to {verb}")
+            raise words.error(f"is not possible: the {point} point of {name} is to {kind}, not to {verb}")
         return cls(agent, verb, name, point)
 
 
 @dataclass(frozen=True)
-class PlaceAt(OfAgent):
+class PlaceAt(OneAgentStatement):
     """Place position: an agent puts an object at an annotated point of another one."""
 
     kind = "logical"
@@ -59,17 +61,17 @@ class PlaceAt(OfAgent):
 
     @property
     def sentence(self) -> str:
-        who = agent_name(self.agent)
-        return f"{who} must place {self.object} at the {self.point} point of {self.target}."
+        agent = agent_name(self.agent)
+        return f"{agent} must place {self.object} at the {self.point} point of {self.target}."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         agent, name, target = words.agent(), words.object(), words.object("target")
         point = words.point(target)
         if words.verb() != "place":
-            raise words.refused(f"is not possible: to {words.verb()} {name} is not to place it")
+            raise words.error(f"is not possible: to {words.verb()} {name} is not to place it")
         if (kind := words.vocabulary.points[target][point]) in CONTACT_KINDS:
-            raise words.refused(f"is not possible: the {point} point of {target} is to {kind}")
+            raise words.error(f"is not possible: the {point} point of {target} is to {kind}")
         return cls(agent, name, target, point)
 
 

@@ -1,14 +1,14 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rf_exp.statements.language.base import OfAgents, Statement, Words, listed
+from rf_exp.statements.language.base import MultiAgentStatement, Statement, Words, agent_list
 from rf_exp.statements.language.notation import number
 
 _PARTS = r"(?P<part>grippers|hands|arms)"
 
 
 @dataclass(frozen=True)
-class KeepApart(OfAgents):
+class KeepApart(MultiAgentStatement):
     """The grippers or the arms of two agents keep a minimum distance."""
 
     kind = "spatial"
@@ -25,13 +25,15 @@ class KeepApart(OfAgents):
 
     @property
     def sentence(self) -> str:
-        return f"{listed(self.who)} must keep their {self.parts} at least {number(self.at_least_m)} m apart."
+        return (
+            f"{agent_list(self.who)} must keep their {self.parts} at least {number(self.at_least_m)} m apart."
+        )
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         agents = words.agents() if "part" in words else words.pair()
         if len(agents) != 2:
-            raise words.refused(f"is about two agents; it names {listed(agents)}")
+            raise words.error(f"is about two agents; it names {agent_list(agents)}")
         parts = "arms" if "part" not in words or words["part"] == "arms" else "grippers"
         return cls((min(agents), max(agents)), words.quantity("m", 2.0), parts)
 

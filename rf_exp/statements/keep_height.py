@@ -1,12 +1,12 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.base import OneAgentStatement, Statement, Words, agent_name
 from rf_exp.statements.language.notation import number
 
 
 @dataclass(frozen=True)
-class KeepHeight(OfAgent):
+class KeepHeight(OneAgentStatement):
     """The gripper of an agent stays below, or above, a height over the table."""
 
     kind = "spatial"
@@ -24,7 +24,7 @@ class KeepHeight(OfAgent):
         return f"{agent_name(self.agent)} must keep its gripper {self.side} {number(self.limit_m)} m."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         side = "below" if words["side"] in ("below", "under") else "above"
         return cls(words.agent(), words.quantity("m", 2.0), side)
 

@@ -33,7 +33,7 @@ class KeepLevel(Statement):
         return f"{agent_name(self.agent)} must keep {self.object} {within}"
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         agent = words.agent() if "agent" in words else None
         return cls(words.object(), words.quantity("deg", 90.0, LEVEL_DEG), agent)
 

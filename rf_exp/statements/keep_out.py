@@ -1,6 +1,14 @@
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Event, Names, OfAgent, Statement, Step, Words, agent_name
+from rf_exp.statements.language.base import (
+    Event,
+    Names,
+    OneAgentStatement,
+    Statement,
+    Step,
+    Words,
+    agent_name,
+)
 from rf_exp.statements.language.notation import Vector, vector
 
 _ZONE = (
@@ -11,7 +19,7 @@ _INSIDE = r"(?: still)? is (?:still )?(?:there|in it|in there|inside)"
 
 
 @dataclass(frozen=True)
-class KeepOut(OfAgent):
+class KeepOut(OneAgentStatement):
     """A keep-out zone: an agent, with what it carries, stays out of a box. Corners in metres, world frame.
 
     If given, only while an agent or an object is in it, or until an event is over (paper, section 3.2).
@@ -32,8 +40,8 @@ class KeepOut(OfAgent):
 
     @property
     def agents(self) -> tuple[int, ...]:
-        inside = (self.occupied_by,) if isinstance(self.occupied_by, int) else ()
-        return (*super().agents, *inside)
+        occupant = (self.occupied_by,) if isinstance(self.occupied_by, int) else ()
+        return (*super().agents, *occupant)
 
     @property
     def names(self) -> Names:
@@ -43,12 +51,12 @@ class KeepOut(OfAgent):
     def sentence(self) -> str:
         zone = f"{agent_name(self.agent)} must stay out of zone {vector(self.low_m)} to {vector(self.high_m)}"
         if self.occupied_by is not None:
-            who = agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else self.occupied_by
-            return f"{zone} while {who} is in it."
-        return f"{zone} until {self.until.ended}." if self.until else f"{zone}."
+            occupant = agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else self.occupied_by
+            return f"{zone} while {occupant} is in it."
+        return f"{zone} until {self.until.end_text}." if self.until else f"{zone}."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         agent, zone = words.agent(), words.zone()
         if "other_agent" in words:
             return cls(agent, *zone, occupied_by=words.pair()[1])
@@ -57,7 +65,7 @@ class KeepOut(OfAgent):
         if "until_agent" in words or "until_object" in words:
             until = words.event("until")
             if isinstance(until, Step):
-                words.several((agent, until.agent))
+                words.require_two((agent, until.agent))
             return cls(agent, *zone, until=until)
         return cls(agent, *zone)
 

@@ -1,13 +1,13 @@
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgents, Statement, Step, Words, listed
+from rf_exp.statements.language.base import MultiAgentStatement, Statement, Step, Words, agent_list
 from rf_exp.statements.language.verbs import VERBS
 
 _WHEN = r"(?: (?:when|while) {doing} {object})?"
 
 
 @dataclass(frozen=True)
-class SameHeight(OfAgents):
+class SameHeight(MultiAgentStatement):
     """Agents that carry one object together raise it by the same height (paper, section 3.2)."""
 
     kind = "logical"
@@ -22,8 +22,8 @@ class SameHeight(OfAgents):
 
     @property
     def sentence(self) -> str:
-        when = f" when {VERBS[self.verb].gerund} {self.object}" if self.verb else ""
-        return f"{listed(self.who)} must keep a consistent gripper height{when}."
+        phase = f" when {VERBS[self.verb].gerund} {self.object}" if self.verb else ""
+        return f"{agent_list(self.who)} must keep a consistent gripper height{phase}."
 
     @property
     def phase(self) -> tuple[Step, ...]:
@@ -31,7 +31,7 @@ class SameHeight(OfAgents):
         return tuple(Step(agent, self.verb, self.object) for agent in self.who)
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         verb = words.verb()
         return cls(words.agents(), verb, words.object() if verb else None)
 

@@ -1,10 +1,10 @@
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgents, listed
+from rf_exp.statements.language.base import MultiAgentStatement, agent_list
 
 
 @dataclass(frozen=True)
-class ShareSpace(OfAgents):
+class ShareSpace(MultiAgentStatement):
     """Agents may use the same space at different times (paper, section 3.2)."""
 
     kind = "temporal"
@@ -14,7 +14,7 @@ class ShareSpace(OfAgents):
 
     @property
     def sentence(self) -> str:
-        return f"{listed(self.who)} may share the same space one after the other."
+        return f"{agent_list(self.who)} may share the same space one after the other."
 
 
 ShareSpace.samples = (ShareSpace((1, 2)),)

@@ -1,13 +1,13 @@
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.base import OneAgentStatement, Statement, Words, agent_name
 from rf_exp.statements.language.notation import number
 
 SLOWEST_M_S = 0.01  # a slower plan would take too long
 
 
 @dataclass(frozen=True)
-class SpeedLimit(OfAgent):
+class SpeedLimit(OneAgentStatement):
     """The gripper of an agent keeps a speed limit. Its motion is planned accordingly."""
 
     kind = "temporal"
@@ -25,7 +25,7 @@ class SpeedLimit(OfAgent):
         return f"{agent_name(self.agent)} must move at most at {number(self.at_most_m_s)} m/s."
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         return cls(words.agent(), words.quantity("speed", 10.0, smallest=SLOWEST_M_S))
 
 

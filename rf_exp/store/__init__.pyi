@@ -1,12 +1,12 @@
 from .cards import card as card
 from .cards import facts as facts
-from .damaged import Damaged as Damaged
+from .damaged import DamagedStore as DamagedStore
 from .damaged import flaws as flaws
 from .damaged import problems as problems
 from .integrity import Damage as Damage
-from .integrity import decoding as decoding
 from .integrity import other_kind as other_kind
 from .integrity import refuse_other_kinds as refuse_other_kinds
+from .integrity import translate_decoder_errors as translate_decoder_errors
 from .layout import POSE as POSE
 from .layout import Description as Description
 from .layout import Model as Model

@@ -21,34 +21,36 @@ tags:
 """
 
 
-def card(store: Store, held: str = "", tags: Iterable[str] = ()) -> str:
+def card(store: Store, format_note: str = "", tags: Iterable[str] = ()) -> str:
     """A data card in Markdown. Texts from the store are untrusted and escaped.
 
-    `held`: Markdown about the format of the data beside the card; by default the store's.
+    `format_note`: Markdown about the format of the data beside the card; by default the store's.
     """
     name = code(store.path.name)
-    held = held or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
-    listed = "\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags))
-    lines = HEADER.format(licence="unknown" if imported(store.identity) else "mit", tags=listed)
+    format_note = (
+        format_note or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
+    )
+    tag_lines = "\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags))
+    header = HEADER.format(licence="unknown" if import_source(store.identity) else "mit", tags=tag_lines)
     title = store.description.language["title"] if store.description else store.attrs["task"]
     heading = f"# {text(title)}: demonstrations of several arms"
-    made = _imported(store) or _made(store)
-    parts = heading, held, _about(store), _facts(store), made
-    return lines + "\n" + "\n\n".join(part for part in parts if part) + "\n"
+    origin = _import_section(store) or _provenance_section(store)
+    parts = heading, format_note, _task_section(store), _facts_section(store), origin
+    return header + "\n" + "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _about(store: Store) -> str:
-    said = store.description
-    if said is None:
+def _task_section(store: Store) -> str:
+    description = store.description
+    if description is None:
         return ""
-    success = "".join(f"\n- {text(name)}" for name in said.conditions)
-    steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
-    held = f"{steps:g}" if isinstance(steps, int | float) else "several"
+    success = "".join(f"\n- {text(name)}" for name in description.conditions)
+    hold_steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
+    hold_text = f"{hold_steps:g}" if isinstance(hold_steps, int | float) else "several"
     return (
-        f"{text(said.language['description'])} {text(said.language['target_condition'])}\n\n"
+        f"{text(description.language['description'])} {text(description.language['target_condition'])}\n\n"
         "## Success\n\n"
         f"Criteria of version {text(store.attrs['criteria_version'])}; all of them held for "
-        f"{held} control steps at the end of every demonstration:\n{success}"
+        f"{hold_text} control steps at the end of every demonstration:\n{success}"
     )
 
 
@@ -56,13 +58,13 @@ def facts(store: Store) -> dict[str, Any]:
     """Facts about the data, by name; values are plain, texts are one printable line."""
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
-    row = store.identity.get("constraint_set", {})
-    counted = Counter(model.title for model in store.models)
-    robots = ", ".join(f"{count} x {title}" for title, count in counted.items())
+    constraint_set = store.identity.get("constraint_set", {})
+    robot_counts = Counter(model.title for model in store.models)
+    robots = ", ".join(f"{count} x {title}" for title, count in robot_counts.items())
     picture = f"{store.attrs['width']} x {store.attrs['height']} px" if store.cameras else "none"
-    found = {
+    values = {
         "task": store.attrs["task"],
-        "constraints": row.get("name", "not known"),
+        "constraints": constraint_set.get("name", "not known"),
         "robots": f"{robots}, in simulation (ManiSkill 3, SAPIEN)",
         "episodes": len(store),
         "steps": store.steps,
@@ -76,18 +78,18 @@ def facts(store: Store) -> dict[str, Any]:
         "objects": ", ".join(store.objects) or "none",
         "disturbed": "yes: executed differs from action" if store.disturbed else "no",
     }
-    if said := imported(store.identity):
-        missing = said.get("missing")
-        found["imported from"] = str(said.get("format"))
+    if source := import_source(store.identity):
+        missing = source.get("missing")
+        values["imported from"] = str(source.get("format"))
         names = ", ".join(map(str, missing)) if isinstance(missing, Mapping) else ""
-        found["missing"] = names or "nothing"
+        values["missing"] = names or "nothing"
     return {
         name: printable(value, LONGEST_LINE) if isinstance(value, str) else value
-        for name, value in found.items()
+        for name, value in values.items()
     }
 
 
-def _facts(store: Store) -> str:
+def _facts_section(store: Store) -> str:
     rows = [(name, cell(value)) for name, value in facts(store).items()]
     return (
         f"## The data\n\n{table(('what', 'value'), rows)}\n\n"
@@ -98,33 +100,37 @@ def _facts(store: Store) -> str:
     )
 
 
-def _imported(store: Store) -> str:
+def _import_section(store: Store) -> str:
     """Section about the source of imported demonstrations and what missing data prevents; else empty."""
-    said = imported(store.identity)
-    if not said:
+    source = import_source(store.identity)
+    if not source:
         return ""
-    missing, notes = said.get("missing"), said.get("notes")
-    lacks = [(cell(what), cell(so)) for what, so in missing.items()] if isinstance(missing, Mapping) else []
-    told = [f"- {text(note)}" for note in notes] if isinstance(notes, list) else []
+    missing, notes = source.get("missing"), source.get("notes")
+    missing_rows = (
+        [(cell(item), cell(consequence)) for item, consequence in missing.items()]
+        if isinstance(missing, Mapping)
+        else []
+    )
+    note_lines = [f"- {text(note)}" for note in notes] if isinstance(notes, list) else []
     parts = (
         "## Where it is from",
-        f"Imported from {text(said.get('format'))} by `rf_exp`, code "
+        f"Imported from {text(source.get('format'))} by `rf_exp`, code "
         f"{text(store.attrs.get('commit') or 'not known')}. The certificate of each episode names its "
         "source.\nWhose the data are, and under which licence, their source says.",
-        "\n".join(told),
+        "\n".join(note_lines),
         "## What is missing",
-        table(("what", "so"), lacks) if lacks else "Nothing.",
+        table(("what", "so"), missing_rows) if missing_rows else "Nothing.",
     )
     return "\n\n".join(part for part in parts if part)
 
 
-def imported(identity: Mapping[str, Any]) -> Mapping[str, Any]:
+def import_source(identity: Mapping[str, Any]) -> Mapping[str, Any]:
     """The entry about its source in the identity of an imported store; empty for the suite's own stores."""
-    said = identity.get("imported")
-    return said if isinstance(said, Mapping) else {}
+    source = identity.get("imported")
+    return source if isinstance(source, Mapping) else {}
 
 
-def _made(store: Store) -> str:
+def _provenance_section(store: Store) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in store.attrs.get("versions", {}).items())
     recipe = json.dumps({name: value for name, value in store.identity.items() if name != "scene"}, indent=1)
     for letter in "<>&`~":  # a JSON escape is never markup

@@ -19,12 +19,12 @@ from rf_exp.errors import RfError, StageError, refuse_access
 from rf_exp.store.layout import (
     FORMAT,
     Description,
-    array_of,
     chunking,
-    file_of,
+    file_of_row,
+    get_array,
     is_picture,
     layout,
-    rows_a_file,
+    rows_per_file,
 )
 from rf_exp.texts import printable
 from rf_exp.types import CONTROL_HZ
@@ -32,13 +32,13 @@ from rf_exp.types import CONTROL_HZ
 ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "objects", "height", "width", "control_hz"}
 SIZES = {"agents": (1, 99), "height": (0, 8192), "width": (0, 8192)}  # least and most; pictures in px
 MOST_SURPLUS = 1_000_000  # rows behind the episodes, left by a killed append: 14 hours of motion
-OURS = ("identity", "control_hz")  # attributes that stores of other kinds lack
-OUR_ARRAY = "meta/certificate"  # array that stores of other kinds lack
-BUFFER = {"data/action", "meta/episode_ends"}  # arrays that a replay buffer of Diffusion Policy has
-SHOWN = 8  # arrays listed in a message
+OWN_ATTRIBUTES = ("identity", "control_hz")  # attributes that stores of other kinds lack
+OWN_ARRAY = "meta/certificate"  # array that stores of other kinds lack
+BUFFER_ARRAYS = {"data/action", "meta/episode_ends"}  # arrays that a replay buffer of Diffusion Policy has
+LISTED = 8  # arrays listed in a message
 BUFFER_KIND = "laid out as a replay buffer of Diffusion Policy"
 HDF5 = b"\x89HDF\r\n\x1a\n"
-FILES = {HDF5: "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
+KINDS_BY_MAGIC = {HDF5: "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
 
 
 class Damage(StageError):
@@ -46,8 +46,8 @@ class Damage(StageError):
 
 
 @contextmanager
-def decoding(path: Path, refused: Callable[[str], StageError]) -> Iterator[None]:
-    """Turns any exception of a decoder into the error that `refused` makes of its reason.
+def translate_decoder_errors(path: Path, make_error: Callable[[str], StageError]) -> Iterator[None]:
+    """Turns any exception of a decoder into the error that `make_error` makes of its reason.
 
     Lack of access or memory raises another StageError.
     """
@@ -57,15 +57,15 @@ def decoding(path: Path, refused: Callable[[str], StageError]) -> Iterator[None]
         raise
     except Exception as error:
         refuse_access(path, error)
-        raise refused(f"({type(error).__name__}: {error})") from error
+        raise make_error(f"({type(error).__name__}: {error})") from error
 
 
-def blames(path: Path, what: str, rescuable: bool = True) -> AbstractContextManager[None]:
+def raising_damage(path: Path, what: str, rescuable: bool = True) -> AbstractContextManager[None]:
     """Turns any exception of a decoder on damaged bytes into Damage."""
-    return decoding(path, lambda why: damaged(path, f"{what} {why}", rescuable))
+    return translate_decoder_errors(path, lambda why: damage_error(path, f"{what} {why}", rescuable))
 
 
-def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
+def damage_error(path: Path, what: str, rescuable: bool = True) -> Damage:
     """The error for a damaged store; not `rescuable` where its attributes, and so all episodes, are lost."""
     keep = f"keep what is whole with `python -m rf_exp.rescue {path}`, " if rescuable else ""
     lost = "" if rescuable else ", without which no episode can be told from another"
@@ -74,9 +74,9 @@ def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
     )
 
 
-def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, Any]]:
+def open_group(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, Any]]:
     """The group of a store and its checked attributes. Raises Damage, StageError for other kinds of data."""
-    with blames(path, "it has no attributes that can be read", rescuable=False):
+    with raising_damage(path, "it has no attributes that can be read", rescuable=False):
         refuse_other_kinds(path)
         group = zarr.open_group(path, mode=mode, zarr_format=3)
         attributes: dict[str, Any] = dict(group.attrs)
@@ -92,11 +92,11 @@ def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
                 f"{readable}: generate the data again, or use that version"
             )
     if missing := sorted(ATTRIBUTES - set(attributes)):
-        raise damaged(path, f"attributes {', '.join(missing)} are missing", rescuable=False)
+        raise damage_error(path, f"attributes {', '.join(missing)} are missing", rescuable=False)
     for key, (least, most) in SIZES.items():
         if type(value := attributes[key]) is not int or not least <= value <= most:
-            raise damaged(path, f"{key} is {value!r}; expected {least} to {most}", rescuable=False)
-    with blames(path, "its attributes do not say which arrays it has", rescuable=False):
+            raise damage_error(path, f"{key} is {value!r}; expected {least} to {most}", rescuable=False)
+    with raising_damage(path, "its attributes do not say which arrays it has", rescuable=False):
         layout(attributes)
         Description.of(attributes)
 
@@ -122,66 +122,69 @@ def check_rows(
     """
     arrays = _arrays(path, group, attributes)
     episodes = arrays["meta/episode_ends"].shape[0]
-    ends = _whole(path, arrays, "meta/episode_ends", episodes)
+    ends = _read_checked(path, arrays, "meta/episode_ends", episodes)
     if np.any(np.diff(ends, prepend=0) <= 0):
-        raise damaged(path, f"meta/episode_ends does not rise: {ends.tolist()}")
+        raise damage_error(path, f"meta/episode_ends does not rise: {ends.tolist()}")
     steps = int(ends[-1]) if len(ends) else 0
     for name, array in arrays.items():
         expected = steps if name.startswith("data/") else episodes
         _check_length(path, name, array, expected)
         if array.shape[0] > expected + MOST_SURPLUS:
-            raise damaged(path, f"{name} declares {array.shape[0]} rows, {expected} expected")
-    seeds = _whole(path, arrays, "meta/seed", episodes)
+            raise damage_error(path, f"{name} declares {array.shape[0]} rows, {expected} expected")
+    seeds = _read_checked(path, arrays, "meta/seed", episodes)
     values, counts = np.unique(seeds, return_counts=True)
     times = times_stored(attributes.get("identity"))
     if repeated := values[counts > times].tolist():
         often = "once" if times == 1 else f"{times} times"
-        raise damaged(path, f"meta/seed holds seeds more than {often}: {repeated}")
+        raise damage_error(path, f"meta/seed holds seeds more than {often}: {repeated}")
     return ends, seeds
 
 
 def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dict[str, zarr.Array[Any]]:
     arrays = {}
     for name, (shape, dtype) in layout(attributes).items():
-        with blames(path, f"{name} is missing or cannot be opened"):
-            array = arrays[name] = array_of(group, name)
+        with raising_damage(path, f"{name} is missing or cannot be opened"):
+            array = arrays[name] = get_array(group, name)
         if array.shape[1:] != shape or array.dtype != np.dtype(dtype):
             found = f"{array.dtype} {('T', *array.shape[1:])}"
-            raise damaged(path, f"{name} is {found}, expected {dtype} {('T', *shape)}")
+            raise damage_error(path, f"{name} is {found}, expected {dtype} {('T', *shape)}")
         chunk, shard = chunking(name)
-        lies, expected = (array.chunks, array.shards), ((chunk, *shape), (shard, *shape) if shard else None)
-        if lies != expected:
-            raise damaged(path, f"{name} lies in chunks and files of {lies}, expected {expected}")
+        actual, expected = (
+            (array.chunks, array.shards),
+            ((chunk, *shape), (shard, *shape) if shard else None),
+        )
+        if actual != expected:
+            raise damage_error(path, f"{name} lies in chunks and files of {actual}, expected {expected}")
     return arrays
 
 
-def _whole(path: Path, arrays: Mapping[str, zarr.Array[Any]], name: str, rows: int) -> NDArray[Any]:
+def _read_checked(path: Path, arrays: Mapping[str, zarr.Array[Any]], name: str, rows: int) -> NDArray[Any]:
     """The first `rows` rows of an array, after checking that each of their files can be read."""
     _check_length(path, name, arrays[name], rows)
-    with blames(path, f"{name} cannot be read"):
+    with raising_damage(path, f"{name} cannot be read"):
         return np.asarray(arrays[name][:rows])
 
 
 def _check_length(path: Path, name: str, array: zarr.Array[Any], expected: int) -> None:
     if array.shape[0] < expected:
-        raise damaged(path, f"{name} has {array.shape[0]} rows, {expected} expected")
-    for first in range(0, expected, rows_a_file(array)):
-        last = min(first + rows_a_file(array), expected) - 1
+        raise damage_error(path, f"{name} has {array.shape[0]} rows, {expected} expected")
+    for first in range(0, expected, rows_per_file(array)):
+        last = min(first + rows_per_file(array), expected) - 1
         try:
             require_file(path, name, array, first)
             array[last if is_picture(name) else slice(first, last + 1)]  # pictures are large: one per file
         except Exception as error:  # whatever a decoder raises on damaged bytes
             refuse_access(path, error)
-            raise damaged(
+            raise damage_error(
                 path,
                 f"{name} has only {first} readable rows, {expected} expected: rows {first} to {last} in file "
-                f"{file_of(array, first)} cannot be read ({error})",
+                f"{file_of_row(array, first)} cannot be read ({error})",
             ) from error
 
 
 def require_file(path: Path, name: str, array: zarr.Array[Any], row: int) -> None:
     """Raises FileNotFoundError where the file with that row is missing: Zarr would return zeros."""
-    file = Path(name) / file_of(array, row)
+    file = Path(name) / file_of_row(array, row)
     if not (path / file).is_file():
         raise FileNotFoundError(f"file {file} is missing")
 
@@ -194,21 +197,21 @@ def refuse_other_kinds(path: Path) -> None:
                 f"no store at {path}; generate the data first (stages=[generate]), or name the folder of "
                 "one, such as outputs/data/.../fast.zarr"
             )
-        what = other_kind(path)
+        kind = other_kind(path)
     except OSError as error:
         raise StageError(f"{path} cannot be read: {error.strerror or error}") from error
-    if what:
+    if kind:
         raise StageError(
-            f"{path} is {what}; nothing is wrong with it, but it is no store of rf_exp; expected the folder "
-            f"of one as stages=[generate] makes it, such as outputs/data/.../fast.zarr{_instead(path, what)}"
+            f"{path} is {kind}; nothing is wrong with it, but it is no store of rf_exp; expected the folder "
+            f"of one as stages=[generate] makes it, such as outputs/data/.../fast.zarr{_hint(path, kind)}"
         )
 
 
-def _instead(path: Path, what: str) -> str:
+def _hint(path: Path, kind: str) -> str:
     """Hint how to make a store of another kind of data; empty without one."""
-    if what == FILES[b"\x80"]:
+    if kind == KINDS_BY_MAGIC[b"\x80"]:
         return ", or make one of the .h5 that the pickle was made of: no pickle is ever loaded"
-    if what == FILES[HDF5] or (what.startswith("a Zarr 2 group") and BUFFER_KIND in what):
+    if kind == KINDS_BY_MAGIC[HDF5] or (kind.startswith("a Zarr 2 group") and BUFFER_KIND in kind):
         return f", or make one of it with `python -m rf_exp.data import {path} NEW.zarr`"
     return ""
 
@@ -217,50 +220,54 @@ def other_kind(path: Path) -> str:
     """The kind of a file or folder, in words; empty for a store of this project, intact or damaged."""
     if not path.is_dir():
         with path.open("rb") as file:
-            begins = file.read(8)
-        return next((what for magic, what in FILES.items() if begins.startswith(magic)), "a file")
+            start = file.read(8)
+        return next((kind for magic, kind in KINDS_BY_MAGIC.items() if start.startswith(magic)), "a file")
     if (path / "zarr.json").is_file():
-        said = _json(path / "zarr.json")
-        if not said or _is_ours(said) or (path / OUR_ARRAY).is_dir():
+        metadata = _read_json_object(path / "zarr.json")
+        if not metadata or _is_own_store(metadata) or (path / OWN_ARRAY).is_dir():
             return ""  # an unreadable one may be ours
-        if _is_ours(_json(path.parent / "zarr.json")):
+        if _is_own_store(_read_json_object(path.parent / "zarr.json")):
             return f"a part of the store {path.parent}"
-        return _zarr(3, "array" if said.get("node_type") == "array" else "group", path, "zarr.json")
+        return _describe_zarr(
+            3, "array" if metadata.get("node_type") == "array" else "group", path, "zarr.json"
+        )
     for name, node in ((".zgroup", "group"), (".zarray", "array"), (".zmetadata", "group")):
         if (path / name).is_file():
-            return _zarr(2, node, path, ".zarray")
-    if (path / OUR_ARRAY).is_dir():
+            return _describe_zarr(2, node, path, ".zarray")
+    if (path / OWN_ARRAY).is_dir():
         return ""  # its zarr.json is lost
-    version = _json(path / "meta/info.json").get("codebase_version")
+    version = _read_json_object(path / "meta/info.json").get("codebase_version")
     if isinstance(version, str):
         return f"a LeRobot data set of version {version}"
-    within = sorted(each.name for each in path.iterdir())
-    if not within:
+    names = sorted(each.name for each in path.iterdir())
+    if not names:
         return "an empty folder"
-    stores = [name for name in within if name.endswith(".zarr")]
+    stores = [name for name in names if name.endswith(".zarr")]
     if stores:
-        return f"a folder of {len(stores)} stores ({', '.join(stores[:SHOWN])})"
-    return f"a folder without zarr.json ({', '.join(within[:SHOWN])}{', ...' if len(within) > SHOWN else ''})"
+        return f"a folder of {len(stores)} stores ({', '.join(stores[:LISTED])})"
+    return f"a folder without zarr.json ({', '.join(names[:LISTED])}{', ...' if len(names) > LISTED else ''})"
 
 
-def _zarr(version: int, node: str, path: Path, file: str) -> str:
+def _describe_zarr(version: int, node: str, path: Path, file: str) -> str:
     files = sorted([*path.glob(f"*/{file}"), *path.glob(f"*/*/{file}")]) if node == "group" else []
-    shapes = {each.parent.relative_to(path).as_posix(): _json(each).get("shape") for each in files}
-    found = {name: tuple(shape) for name, shape in shapes.items() if isinstance(shape, list)}
-    kind = f", {BUFFER_KIND}" if found.keys() >= BUFFER else ""
-    named = ", ".join(f"{name} {shape}" for name, shape in list(found.items())[:SHOWN])
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return f"a Zarr {version} {node}{kind}{f' ({named}{more})' if found else ''}"
+    shapes = {
+        file.parent.relative_to(path).as_posix(): _read_json_object(file).get("shape") for file in files
+    }
+    shapes_by_name = {name: tuple(shape) for name, shape in shapes.items() if isinstance(shape, list)}
+    kind = f", {BUFFER_KIND}" if shapes_by_name.keys() >= BUFFER_ARRAYS else ""
+    named = ", ".join(f"{name} {shape}" for name, shape in list(shapes_by_name.items())[:LISTED])
+    more = f" and {len(shapes_by_name) - LISTED} more" if len(shapes_by_name) > LISTED else ""
+    return f"a Zarr {version} {node}{kind}{f' ({named}{more})' if shapes_by_name else ''}"
 
 
-def _is_ours(said: dict[str, Any]) -> bool:
-    attributes = said.get("attributes")
-    return isinstance(attributes, dict) and any(name in attributes for name in OURS)
+def _is_own_store(metadata: dict[str, Any]) -> bool:
+    attributes = metadata.get("attributes")
+    return isinstance(attributes, dict) and any(name in attributes for name in OWN_ATTRIBUTES)
 
 
-def _json(file: Path) -> dict[str, Any]:
+def _read_json_object(file: Path) -> dict[str, Any]:
     try:
-        found = json.loads(file.read_bytes())
+        content = json.loads(file.read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return content if isinstance(content, dict) else {}

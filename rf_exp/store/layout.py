@@ -10,7 +10,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
-from rf_exp.artifacts import plain, whole
+from rf_exp.artifacts import atomic_path, plain
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.types import FINGERS, UNITS, Episode, Judged
 
@@ -18,7 +18,7 @@ FORMAT = 3  # version of layout and attributes
 MOST_JOINTS = 16  # of an arm with its gripper
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 JUDGED = ("value", "bound", "unit", "holds")  # the arrays of the conditions of success
-STEP = {"data": "step", "meta": "episode"}  # group -> name of the first dimension of its arrays
+ROW_DIMENSION = {"data": "step", "meta": "episode"}  # group -> name of the first dimension of its arrays
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
 STATE_CHUNK, STATE_SHARD = 128, 1024  # rows; a damaged chunk loses only its own rows
 CERTIFICATE_CHUNK, CERTIFICATE_SHARD = 1, 32  # episodes
@@ -36,47 +36,50 @@ class Model:
     commands: tuple[str, ...]  # names along its part of action and executed
 
     @staticmethod
-    def of(robot: Robot) -> "Model":
-        return Model(robot.title, robot.kind, robot.measured, robot.told)
+    def from_robot(robot: Robot) -> "Model":
+        return Model(robot.title, robot.kind, robot.qpos_names, robot.command_names)
 
 
-def stated(robots: Sequence[Robot]) -> dict[str, Any]:
+def robot_attributes(robots: Sequence[Robot]) -> dict[str, Any]:
     """The attribute that describes the agents' robots; absent where all are the default robot."""
     if all(robot == DEFAULT for robot in robots):
         return {}
-    return {"robots": [asdict(Model.of(robot)) for robot in robots]}
+    return {"robots": [asdict(Model.from_robot(robot)) for robot in robots]}
 
 
 def models(attributes: Mapping[str, Any]) -> tuple[Model, ...]:
     """Robot of every agent. Raises ValueError for an invalid attribute."""
     agents = attributes["agents"]
-    said = attributes.get("robots", [asdict(Model.of(DEFAULT))] * agents)
-    names = [[tuple(map(str, each[key])) for key in ("joints", "commands")] for each in said]
-    found = tuple(
-        Model(str(each["title"]), str(each["kind"]), *own) for each, own in zip(said, names, strict=True)
+    robots = attributes.get("robots", [asdict(Model.from_robot(DEFAULT))] * agents)
+    names = [[tuple(map(str, robot[key])) for key in ("joints", "commands")] for robot in robots]
+    parsed = tuple(
+        Model(str(robot["title"]), str(robot["kind"]), *model_names)
+        for robot, model_names in zip(robots, names, strict=True)
     )
-    sizes = {len(each.joints) for each in found} | {len(each.commands) + 1 for each in found}
-    if len(found) != agents or not all(FINGERS < size <= MOST_JOINTS for size in sizes):
-        raise ValueError(f"{len(found)} robots with {sorted(sizes)} joints, of {agents} agents")
-    return found
+    sizes = {len(model.joints) for model in parsed} | {len(model.commands) + 1 for model in parsed}
+    if len(parsed) != agents or not all(FINGERS < size <= MOST_JOINTS for size in sizes):
+        raise ValueError(f"{len(parsed)} robots with {sorted(sizes)} joints, of {agents} agents")
+    return parsed
 
 
 def joint_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
     """Names along qpos and qvel, of one agent or of all. See `rf_exp.types.joints_of` for the order."""
-    return _names([model.joints for model in models(attributes)], ("finger1", "finger2"), agent)
+    return _padded_names([model.joints for model in models(attributes)], ("finger1", "finger2"), agent)
 
 
 def command_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
     """Names along action and executed, of one agent or of all."""
-    return _names([model.commands for model in models(attributes)], ("gripper",), agent)
+    return _padded_names([model.commands for model in models(attributes)], ("gripper",), agent)
 
 
-def _names(each: Sequence[tuple[str, ...]], hand: Sequence[str], agent: int | None) -> tuple[str, ...]:
+def _padded_names(
+    names_by_agent: Sequence[tuple[str, ...]], gripper_names: Sequence[str], agent: int | None
+) -> tuple[str, ...]:
     """Names padded to the longest, between arm and gripper; for agents that differ, numbered joints."""
-    size, arm = max(map(len, each)), -len(hand)
-    if agent is None and len(set(each)) > 1:
-        return (*(f"joint{k}" for k in range(1, size + arm + 1)), *hand)
-    names = each[0 if agent is None else agent - 1]
+    size, arm = max(map(len, names_by_agent)), -len(gripper_names)
+    if agent is None and len(set(names_by_agent)) > 1:
+        return (*(f"joint{k}" for k in range(1, size + arm + 1)), *gripper_names)
+    names = names_by_agent[0 if agent is None else agent - 1]
     unused = (f"unused{k}" for k in range(len(names) + arm + 1, size + arm + 1))
     return (*names[:arm], *unused, *names[arm:])
 
@@ -101,7 +104,7 @@ class Description:
         """The description in the attributes of a store; None for a store without one."""
         if "conditions" not in attributes:
             return None
-        return cls(**{each.name: attributes[each.name] for each in fields(cls)})
+        return cls(**{attribute.name: attributes[attribute.name] for attribute in fields(cls)})
 
 
 class Kind(NamedTuple):
@@ -165,9 +168,9 @@ def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], An
     """Array name -> (shape of one row, dtype), the whole layout of a store."""
     names, cameras = ["qpos", "qvel", "action"], attributes["cameras"]
     names += ["executed"] if attributes.get("disturbed") else []
-    names += ["subgoal", *(f"pose_{each}" for each in attributes["objects"])]
+    names += ["subgoal", *(f"pose_{object_name}" for object_name in attributes["objects"])]
     if "conditions" in attributes:
-        names += ["time_s", *(f"condition_{each}" for each in JUDGED)]
+        names += ["time_s", *(f"condition_{quantity}" for quantity in JUDGED)]
         names += [f"depth_{camera}" for camera in cameras if attributes["depth"]]
         names += [f"segmentation_{camera}" for camera in cameras if attributes["labels"]]
     names += [f"rgb_{camera}" for camera in cameras]
@@ -183,14 +186,14 @@ def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], An
     }
     arrays = [f"data/{name}" for name in names] + ["meta/seed", "meta/certificate", "meta/episode_ends"]
     return {
-        name: (tuple(sizes[each] for each in kind.dimensions), kind.dtype)
+        name: (tuple(sizes[dimension] for dimension in kind.dimensions), kind.dtype)
         for name, kind in zip(arrays, map(kind_of, arrays), strict=True)
     }
 
 
-def explained(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def array_attributes(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes of an array: what it holds, the names along its last dimension, units, frame."""
-    named: dict[str, Any] = {
+    dimension_names: dict[str, Any] = {
         "joint": joint_names(attributes),
         "command": command_names(attributes),
         "pose": POSE,
@@ -198,12 +201,12 @@ def explained(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
         "channel": ("red", "green", "blue"),
     }
     kind = kind_of(name)
-    names: Any = named.get(kind.dimensions[-1]) if kind.dimensions else None
+    names: Any = dimension_names.get(kind.dimensions[-1]) if kind.dimensions else None
     units = kind.units
     if units is not None and kind.dimensions[:1] == ("agent",):
         units = (*units[:1] * (len(names) - len(units)), *units)
-    said = {"names": names, "units": units, "frame": kind.frame, "about": kind.about}
-    return plain({key: value for key, value in said.items() if value is not None})
+    description = {"names": names, "units": units, "frame": kind.frame, "about": kind.about}
+    return plain({key: value for key, value in description.items() if value is not None})
 
 
 def extra_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
@@ -212,7 +215,7 @@ def extra_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(name for name in names if name.startswith(("depth_", "segmentation_")))
 
 
-def assembled(
+def build_episode(
     attributes: Mapping[str, Any],
     seed: int,
     certificate: Callable[[], Any],
@@ -231,12 +234,12 @@ def assembled(
         poses={name: rows(f"pose_{name}") for name in attributes["objects"]},
         executed=rows("executed") if attributes.get("disturbed") else None,
         subgoal=rows("subgoal"),
-        judged=None if judged is None else judged_by(judged, rows),
+        judged=None if judged is None else read_judged(judged, rows),
         extras={name: rows(name) for name in extra_names(attributes)},
     )
 
 
-def judged_by(conditions: Sequence[str], rows: Callable[[str], NDArray[Any]]) -> Judged:
+def read_judged(conditions: Sequence[str], rows: Callable[[str], NDArray[Any]]) -> Judged:
     return Judged(tuple(conditions), **{name: rows(f"condition_{name}") for name in JUDGED})
 
 
@@ -255,7 +258,7 @@ def chunking(name: str) -> tuple[int, int | None]:
 
 def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
     """Creates a store without episodes, with these attributes. Raises OSError where that is not possible."""
-    with whole(path) as draft:
+    with atomic_path(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():
             chunk, shard = chunking(name)
@@ -267,30 +270,30 @@ def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
                 shards=(shard, *shape) if shard else None,
                 filters=None,
                 compressors=ZstdCodec(level=3, checksum=True),
-                dimension_names=(STEP[name.partition("/")[0]], *kind_of(name).dimensions),
-                attributes=explained(name, attributes),
+                dimension_names=(ROW_DIMENSION[name.partition("/")[0]], *kind_of(name).dimensions),
+                attributes=array_attributes(name, attributes),
             )
 
 
-def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
+def get_array(group: zarr.Group, name: str) -> zarr.Array[Any]:
     array = group[name]
     assert isinstance(array, zarr.Array)
     return array
 
 
-def rows_a_file(array: zarr.Array[Any]) -> int:
+def rows_per_file(array: zarr.Array[Any]) -> int:
     return (array.shards or array.chunks)[0]
 
 
-def file_of(array: zarr.Array[Any], row: int) -> str:
+def file_of_row(array: zarr.Array[Any], row: int) -> str:
     """Path of the file that holds a row, relative to the folder of the array."""
-    return array.metadata.encode_chunk_key((row // rows_a_file(array), *[0] * (array.ndim - 1)))
+    return array.metadata.encode_chunk_key((row // rows_per_file(array), *[0] * (array.ndim - 1)))
 
 
 def view(array: zarr.Array[Any], rows: int) -> zarr.Array[Any]:
     """The array as if it had that many rows; the stored shape stays."""
-    shaped = array.metadata.update_shape((rows, *array.shape[1:]))
-    return zarr.Array(zarr.AsyncArray(shaped, array.store_path, ALWAYS_WRITE))  # pyright: ignore
+    metadata = array.metadata.update_shape((rows, *array.shape[1:]))
+    return zarr.Array(zarr.AsyncArray(metadata, array.store_path, ALWAYS_WRITE))  # pyright: ignore
 
 
 def write(array: zarr.Array[Any], start: int, values: NDArray[Any]) -> None:

@@ -13,12 +13,12 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from rf_exp.artifacts import code, disk_full, expect_same, hold_folder, installed, plain
+from rf_exp.artifacts import code_version, disk_full, expect_same, lock_folder, package_versions, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.robots import Robot
 from rf_exp.store import layout
-from rf_exp.store.integrity import blames, check_rows, opened, times_stored
-from rf_exp.store.layout import JUDGED, PICTURE_SHARD, Description, array_of, view
+from rf_exp.store.integrity import check_rows, open_group, raising_damage, times_stored
+from rf_exp.store.layout import JUDGED, PICTURE_SHARD, Description, get_array, view
 from rf_exp.types import CONTROL_HZ, NO_EXTRAS, Episode, Extras, Judged
 
 PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
@@ -41,7 +41,7 @@ class Store:
         self.episode_ends = np.zeros(0, np.int64)  # (E,) row after the last of each episode
         self.seeds = np.zeros(0, np.int64)  # (E,) scene seed of each episode
         self._group = group
-        self._kept: dict[str, NDArray[Any]] = {}  # cached arrays, until an episode is appended
+        self._cache: dict[str, NDArray[Any]] = {}  # cached arrays, until an episode is appended
         self._lock: int | None = None  # descriptor that holds the write lock
 
     @classmethod
@@ -75,7 +75,7 @@ class Store:
             "task": configuration.get("task"),
             "criteria_version": configuration.get("version"),
             "generator": configuration.get("generator"),
-            "commit": code(),
+            "commit": code_version(),
             "identity": configuration,
             "control_hz": CONTROL_HZ,
             "agents": agents,
@@ -84,9 +84,9 @@ class Store:
             "width": width,
             "objects": list(objects),
             "disturbed": disturbed,
-            **layout.stated(robots),
+            **layout.robot_attributes(robots),
             **(description.attributes() if description else {}),
-            "versions": installed(PACKAGES),
+            "versions": package_versions(PACKAGES),
         }
         try:
             layout.empty_like(path, attributes)
@@ -111,23 +111,23 @@ class Store:
         append are cut off. Raises StageError saying what is damaged or different, and what to do.
         """
         path = Path(path)
-        store = cls(path, *opened(path, "r+" if writable else "r"))
+        store = cls(path, *open_group(path, "r+" if writable else "r"))
         try:
             if writable:
-                store._lock = hold_folder(path)
+                store._lock = lock_folder(path)
                 if store._lock is None:
                     raise StageError(f"{path} is being written by another process; wait for it or stop it")
             if identity is not None:
                 expect_same(path, store.identity, identity, "delete it or choose another `out`")
             store.episode_ends, store.seeds = check_rows(path, store._group, store.attrs)
             if writable:
-                store._cut()
+                store._truncate_uncommitted()
         except BaseException:
             store.close()
             raise
         return store
 
-    def _cut(self) -> None:
+    def _truncate_uncommitted(self) -> None:
         for name in layout.layout(self.attrs):
             array = self._array(name)
             committed = self.steps if name.startswith("data/") else len(self)
@@ -159,7 +159,7 @@ class Store:
             ) from error
         self.episode_ends = np.append(self.episode_ends, rows["meta/episode_ends"])
         self.seeds = np.append(self.seeds, rows["meta/seed"])
-        self._kept.clear()
+        self._cache.clear()
         for name in ("images", "certificates"):
             self.__dict__.pop(name, None)  # cached properties: read again on demand
 
@@ -205,19 +205,19 @@ class Store:
         if len(episode.qpos) == 0:
             raise StageError(f"{label} has no steps; expected at least one")
         conditions = self.attrs.get("conditions")
-        judges = list(episode.judged.names if episode.judged else ())
-        told, expected = ("some", "no") if episode.executed is not None else ("no", "some")
+        judged_conditions = list(episode.judged.names if episode.judged else ())
+        present, expected = ("some", "no") if episode.executed is not None else ("no", "some")
         for what, found, wanted in (
             ("has images of", sorted(episode.images), sorted(self.cameras)),
             ("has poses of", sorted(episode.poses), sorted(self.objects)),
             ("has depth and segmentation", sorted(episode.extras), sorted(self.extra_names)),
-            ("is judged by", judges, judges if conditions is None else conditions),
+            ("is judged by", judged_conditions, judged_conditions if conditions is None else conditions),
         ):
             if found != wanted:
                 raise StageError(f"{label} {what} {found}; {self.path} expects {wanted}")
         if (episode.executed is not None) != self.disturbed:
             raise StageError(
-                f"{label} has {told} executed actions of its own; {self.path} expects {expected}"
+                f"{label} has {present} executed actions of its own; {self.path} expects {expected}"
             )
 
     def close(self) -> None:
@@ -258,44 +258,44 @@ class Store:
     @property
     def extras(self) -> Extras:
         """Whether depth and segmentation are stored."""
-        said = self.description
-        return Extras(said.depth, bool(said.labels)) if said else NO_EXTRAS
+        description = self.description
+        return Extras(description.depth, bool(description.labels)) if description else NO_EXTRAS
 
     @property
     def qpos(self) -> NDArray[np.float32]:
         """(T, N, D) measured joints, rad and metres."""
-        return self._whole("qpos")
+        return self._read_all("qpos")
 
     @property
     def qvel(self) -> NDArray[np.float32]:
         """(T, N, D) measured joint velocities, rad/s and m/s."""
-        return self._whole("qvel")
+        return self._read_all("qvel")
 
     @property
     def action(self) -> NDArray[np.float32]:
         """(T, N, A) joint targets, rad, and gripper command."""
-        return self._whole("action")
+        return self._read_all("action")
 
     @property
     def executed(self) -> NDArray[np.float32]:
         """(T, N, A) executed commands: `action`, unless the demonstrations were disturbed."""
-        return self._whole("executed") if self.disturbed else self.action
+        return self._read_all("executed") if self.disturbed else self.action
 
     @property
     def poses(self) -> dict[str, NDArray[np.float32]]:
         """Object -> (T, 7) position in m and quaternion w, x, y, z."""
-        return {name: self._whole(f"pose_{name}") for name in self.objects}
+        return {name: self._read_all(f"pose_{name}") for name in self.objects}
 
     @property
     def subgoal(self) -> NDArray[np.int16]:
         """(T, N) current subgoal of each agent: index into its texts in the certificate; -1: unknown."""
-        return self._whole("subgoal")
+        return self._read_all("subgoal")
 
     @property
     def judged(self) -> Judged | None:
         """How far each condition of success was met after each action; None without a description."""
         conditions = self.attrs.get("conditions")
-        return None if conditions is None else layout.judged_by(conditions, self._whole)
+        return None if conditions is None else layout.read_judged(conditions, self._read_all)
 
     @cached_property
     def images(self) -> dict[str, zarr.Array[Any]]:
@@ -306,7 +306,7 @@ class Store:
     def certificates(self) -> list[dict[str, Any]]:
         """The certificate of the checks of each episode."""
         texts = self._read("meta/certificate", 0, len(self))
-        with blames(self.path, "meta/certificate holds no JSON"):
+        with raising_damage(self.path, "meta/certificate holds no JSON"):
             return [json.loads(text) for text in texts]
 
     def episode(self, index: int) -> Episode:
@@ -318,9 +318,11 @@ class Store:
 
         def rows(name: str) -> NDArray[Any]:
             is_large = layout.is_picture(f"data/{name}")
-            return self._read(f"data/{name}", start, end) if is_large else self._whole(name)[start:end]
+            return self._read(f"data/{name}", start, end) if is_large else self._read_all(name)[start:end]
 
-        return layout.assembled(self.attrs, int(self.seeds[index]), lambda: self.certificates[index], rows)
+        return layout.build_episode(
+            self.attrs, int(self.seeds[index]), lambda: self.certificates[index], rows
+        )
 
     def digest(self) -> str:
         """SHA-256 over the decoded qpos, action and pictures in order: same seeds, same digest."""
@@ -331,16 +333,16 @@ class Store:
                 sha.update(self._read(name, start, min(start + PICTURE_SHARD, self.steps)).tobytes())
         return sha.hexdigest()
 
-    def _whole(self, name: str) -> NDArray[Any]:
-        if name not in self._kept:
-            self._kept[name] = self._read(f"data/{name}")
-        return self._kept[name]
+    def _read_all(self, name: str) -> NDArray[Any]:
+        if name not in self._cache:
+            self._cache[name] = self._read(f"data/{name}")
+        return self._cache[name]
 
     def _array(self, name: str) -> zarr.Array[Any]:
-        return array_of(self._group, name)
+        return get_array(self._group, name)
 
     def _read(self, name: str, start: int = 0, end: int | None = None) -> NDArray[Any]:
-        with blames(self.path, f"{name} cannot be read"):
+        with raising_damage(self.path, f"{name} cannot be read"):
             return np.asarray(self._array(name)[start : self.steps if end is None else end])
 
 

@@ -6,7 +6,7 @@ from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import holders, near, on, released
 from rf_exp.tasks.shared import stacking
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Scene, Subgoal
 
@@ -27,15 +27,15 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Both cubes are passed on; the red one is placed once the blue one lies on the goal."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    standing = stacking.standing(scene, task, [*LANES])
-    for (cube, agents), there in zip(LANES.items(), standing, strict=True):
-        if there and released(scene, [cube]) and not subgoals:
+    placed = stacking.cubes_in_place(scene, task, [*LANES])
+    for (cube, agents), in_place in zip(LANES.items(), placed, strict=True):
+        if in_place and released(scene, [cube]) and not subgoals:
             continue
         giver, taker = agents
         if _with_giver(scene, task, cube):
-            subgoals += fetch(giver, cube, f"stop{giver}")
+            subgoals += pick_and_place(giver, cube, f"stop{giver}")
             constraints += in_turn(Step(giver, "place", cube), Step(taker, "grasp", cube))
-        subgoals += fetch(taker, cube, *(("goal", "middle") if cube == "blue" else ("blue", "top")))
+        subgoals += pick_and_place(taker, cube, *(("goal", "middle") if cube == "blue" else ("blue", "top")))
     takers = {agent for _, agent in LANES.values()}
     if takers <= {subgoal.agent for subgoal in subgoals}:
         constraints += in_turn(*(Step(taker, "place", cube) for cube, (_, taker) in LANES.items()))
@@ -47,9 +47,9 @@ def _with_giver(scene: Scene, task: Task, cube: str) -> bool:
     held, (giver, taker) = holders(scene, cube), LANES[cube]
     if held:
         return giver in held
-    here = scene.poses[cube][:2, 3].tolist()
+    position = scene.poses[cube][:2, 3].tolist()
     bases = [(task.robots[agent - 1].x_m, task.robots[agent - 1].y_m) for agent in (giver, taker)]
-    return dist(here, bases[0]) < dist(here, bases[1])
+    return dist(position, bases[0]) < dist(position, bases[1])
 
 
 conditions = stacking.conditions_of_two

@@ -4,7 +4,7 @@ from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import near
 from rf_exp.tasks.shared import shoe_on_goal
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Scene
 
@@ -24,7 +24,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """The giver puts the shoe down midway and yields; the taker brings it to the goal."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
-    give, take = fetch(GIVER, "shoe", "midway"), fetch(TAKER, "shoe", "goal", "middle")
+    give, take = pick_and_place(GIVER, "shoe", "midway"), pick_and_place(TAKER, "shoe", "goal", "middle")
     if near(scene, "shoe", task.places(scene)["midway"], task.success["goal_m"]) or scene.held[TAKER - 1]:
         return Proposal(tuple(take), (*grasping(take), *keep_clear(task.agents)))
     order = in_turn(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe"))

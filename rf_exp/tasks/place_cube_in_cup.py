@@ -5,7 +5,7 @@ from math import hypot
 from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import above, at_rest, below, every, height_m, holders, near, upright
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -34,7 +34,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
         constraints += grasping(subgoals)
         subgoals.append(Subgoal(HOLDER, "carry", "cup", target="between", height_m=LIFT_M))
         constraints += in_turn(Step(HOLDER, "carry", "cup"), Step(GIVER, "place", "cube"))
-    drop = fetch(GIVER, "cube", "cup", "inside")
+    drop = pick_and_place(GIVER, "cube", "cup", "inside")
     return Proposal((*subgoals, *drop), (*constraints, *grasping(drop), *keep_clear(task.agents)))
 
 
@@ -51,10 +51,10 @@ def _inside(scene: Scene, task: Task) -> Condition:
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The cube lies in the upright cup, which is held by its arm or stands released; all objects at rest."""
     limits, held = task.success, holders(scene, "cup")
-    stands = below(height_m(scene, "cup"), limits["stands_m"], "m")
+    standing = below(height_m(scene, "cup"), limits["stands_m"], "m")
     return {
         "cube inside the cup": _inside(scene, task),
-        "cup held or standing": held == (HOLDER,) or (not held and stands),
+        "cup held or standing": held == (HOLDER,) or (not held and standing),
         "cup upright": upright(scene, "cup", limits["upright_deg"]),
         "cube released": not holders(scene, "cube"),
         "at rest": at_rest(scene, task.objects, limits),

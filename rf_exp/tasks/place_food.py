@@ -3,7 +3,7 @@
 from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import at_rest, below, every, far, height_m, near, released, upright
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -26,11 +26,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     if not _lid_off(scene, task) or not released(scene, ["lid"]):
-        take, aside = fetch(HELPER, "lid", "aside", grip="knob")
+        take, aside = pick_and_place(HELPER, "lid", "aside", grip="knob")
         subgoals += [take, Subgoal(HELPER, "lift", "lid", height_m=LID_LIFT_M), aside]
         constraints += grasping([take])
     if not _inside(scene, task) or not released(scene, ["steak"]):
-        food = fetch(COOK, "steak", "pot", "inside")
+        food = pick_and_place(COOK, "steak", "pot", "inside")
         subgoals, constraints = subgoals + food, constraints + grasping(food)
     if len({subgoal.agent for subgoal in subgoals}) == 2:
         constraints += in_turn(Step(HELPER, "lift", "lid"), Step(COOK, "place", "steak"))

@@ -11,19 +11,19 @@ from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import Condition, Measured, Scene
 
-Found = TypeVar("Found")
+T = TypeVar("T")
 
 
-def once(measure: Callable[[Scene, Task], Found]) -> Callable[[Scene, Task], Found]:
+def once(measure: Callable[[Scene, Task], T]) -> Callable[[Scene, Task], T]:
     """Caches the measurement of the last scene, which conditions and the paper's criterion share."""
-    last: tuple[Scene, Task, Found] | None = None
+    last: tuple[Scene, Task, T] | None = None
 
-    def measured(scene: Scene, task: Task) -> Found:
+    def measured(scene: Scene, task: Task) -> T:
         nonlocal last
-        known = last
-        if known is None or known[0] is not scene or known[1] is not task:
-            last = known = scene, task, measure(scene, task)
-        return known[2]
+        cached = last
+        if cached is None or cached[0] is not scene or cached[1] is not task:
+            last = cached = scene, task, measure(scene, task)
+        return cached[2]
 
     return measured
 
@@ -40,10 +40,10 @@ def below(value: float, bound: float, unit: str) -> Measured:
 
 def every(conditions: Iterable[Measured]) -> Measured:
     """The first condition that does not hold, or else the last one. At least one is needed."""
-    for found in conditions:
-        if not found:
+    for condition in conditions:
+        if not condition:
             break
-    return found
+    return condition
 
 
 def height_m(scene: Scene, name: str) -> float:
@@ -145,8 +145,8 @@ def on_goal(scene: Scene, name: str, goal: str, limits: Mapping[str, float]) -> 
 
 def near(scene: Scene, name: str, target: str | Matrix, within_m: float) -> Measured:
     """Whether the horizontal distance to another object, or to a pose, is below a bound."""
-    there = scene.poses[target] if isinstance(target, str) else target
-    return below(distance_xy_m(scene.poses[name], there), within_m, "m")
+    pose = scene.poses[target] if isinstance(target, str) else target
+    return below(distance_xy_m(scene.poses[name], pose), within_m, "m")
 
 
 def far(scene: Scene, name: str, other: str, beyond_m: float) -> Measured:

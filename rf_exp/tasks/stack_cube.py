@@ -3,7 +3,7 @@
 from rf_exp.statements import AvoidObjects, Proposal, grasping
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import on, released, set_down
-from rf_exp.tasks.shared.placing import fetch
+from rf_exp.tasks.shared.placing import pick_and_place
 from rf_exp.types import Condition, Scene
 
 VERSION = "1"
@@ -16,7 +16,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp the blue cube, place it on the red one."""
     if on(scene, task, "blue", "red", task.success["beside_m"]) and released(scene, task.objects):
         return Proposal((), ())
-    subgoals = fetch(ARM, "blue", "red", "top")
+    subgoals = pick_and_place(ARM, "blue", "red", "top")
     return Proposal(tuple(subgoals), (*grasping(subgoals), AvoidObjects(ARM)))
 
 

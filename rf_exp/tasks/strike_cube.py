@@ -26,8 +26,8 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The held hammer rests on the cube with its face down, and the cube has not moved."""
     limits = task.success
     slipped_m = dist(scene.poses["cube"][:3, 3].tolist(), start.poses["cube"][:3, 3].tolist())
-    there = every((below(slipped_m, limits["slip_m"], "m"), upright(scene, "cube", limits["face_deg"])))
-    return {**striking.conditions(scene, task, ARM), "cube where it was": there}
+    unmoved = every((below(slipped_m, limits["slip_m"], "m"), upright(scene, "cube", limits["face_deg"])))
+    return {**striking.conditions(scene, task, ARM), "cube where it was": unmoved}
 
 
 paper = striking.paper

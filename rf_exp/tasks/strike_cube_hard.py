@@ -4,7 +4,7 @@ from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import near, on_goal, released, set_down
 from rf_exp.tasks.shared import striking
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
@@ -20,7 +20,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     if brought and striking.struck(scene, task, SMITH):
         return Proposal((), ())
     if not brought:
-        subgoals += fetch(HELPER, "cube", "goal", "middle")
+        subgoals += pick_and_place(HELPER, "cube", "goal", "middle")
     subgoals += striking.take_and_strike(scene, SMITH)
     order = [] if brought else in_turn(Step(HELPER, "place", "cube"), Step(SMITH, "strike", "hammer"))
     return Proposal(tuple(subgoals), (*grasping(subgoals), *order, *keep_clear(task.agents)))

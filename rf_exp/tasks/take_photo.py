@@ -19,9 +19,9 @@ places = held_camera.places
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp everything; lift the camera and carry the steak in front of it; then press the shutter."""
-    before = held_camera.camera_up(scene, task) + held_camera.steak_in_front(scene, task)
-    if before:
-        subgoals = [each for each in before if each.verb == "grasp"] or before
+    preparation = held_camera.camera_up(scene, task) + held_camera.steak_in_front(scene, task)
+    if preparation:
+        subgoals = [subgoal for subgoal in preparation if subgoal.verb == "grasp"] or preparation
         constraints = held_camera.constraints(subgoals)
     elif _pressed(scene, task):
         return Proposal((), ())
@@ -34,7 +34,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
 
 
-def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
+def _tcp(scene: Scene, task: Task, agent: int) -> Matrix:
     return task.arms[agent].tcp(scene.qpos[agent - 1])
 
 
@@ -48,9 +48,9 @@ def _pressed(scene: Scene, task: Task) -> bool:
     limits, shutter = task.success, _shutter(scene, task)
     if pushed_n(scene, PHOTOGRAPHER, "camera", shutter[:3, 2]) <= limits["press_n"]:
         return False
-    hand = _hand(scene, task, PHOTOGRAPHER)
-    beside = np.linalg.norm(hand[:3, 3] - shutter[:3, 3]) < limits["press_m"]
-    return bool(beside and np.degrees(angle_between_rad(hand[:3, 2], shutter[:3, 2])) < limits["press_deg"])
+    tcp = _tcp(scene, task, PHOTOGRAPHER)
+    near = np.linalg.norm(tcp[:3, 3] - shutter[:3, 3]) < limits["press_m"]
+    return bool(near and np.degrees(angle_between_rad(tcp[:3, 2], shutter[:3, 2])) < limits["press_deg"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
@@ -63,7 +63,7 @@ def paper(scene: Scene, start: Scene, task: Task) -> bool:
     limits = task.success
     if not held_camera.paper(scene, start, task):
         return False
-    shutter = _hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]
-    steak = _hand(scene, task, held_camera.MODEL)[:3, 3] - scene.poses["steak"][:3, 3]
+    shutter = _tcp(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]
+    steak = _tcp(scene, task, held_camera.STEAK_HOLDER)[:3, 3] - scene.poses["steak"][:3, 3]
     near = np.abs(shutter).max() < limits["paper_shutter_m"]
     return bool(near and np.linalg.norm(steak) < limits["paper_steak_m"])

@@ -4,7 +4,7 @@ from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import holders, near, on, released
 from rf_exp.tasks.shared import stacking
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
@@ -17,11 +17,11 @@ CUBES = ("blue", "red")
 def plan(scene: Scene, task: Task) -> Proposal:
     """Both arms fetch their cubes; the red one is placed once the blue one lies on the goal."""
     subgoals: list[Subgoal] = []
-    on_the_goal, on_blue = stacking.standing(scene, task, CUBES)
+    on_the_goal, on_blue = stacking.cubes_in_place(scene, task, CUBES)
     if not on_the_goal or holders(scene, "blue"):
-        subgoals += fetch(BASE, "blue", "goal", "middle")
+        subgoals += pick_and_place(BASE, "blue", "goal", "middle")
     if subgoals or not on_blue or holders(scene, "red"):
-        subgoals += fetch(TOP, "red", "blue", "top")
+        subgoals += pick_and_place(TOP, "red", "blue", "top")
     both = {subgoal.agent for subgoal in subgoals} == {BASE, TOP}
     order = in_turn(Step(BASE, "place", "blue"), Step(TOP, "place", "red")) if both else []
     return Proposal(tuple(subgoals), (*grasping(subgoals), *order, *keep_clear(task.agents)))

@@ -1,8 +1,8 @@
 """Escaping of untrusted text for Markdown: words, code and blocks that no Markdown reader takes for markup.
 
 Titles, reasons and answers are put into pages that GitHub, MkDocs and data hubs convert to HTML. Each of
-these functions makes a `Markdown` of a text; page templates (`rf_exp.artifacts.rendered`) do so with every
-value that is not one yet.
+these functions makes a `Markdown` of a text; page templates (`rf_exp.artifacts.render_template`) do so with
+every value that is not one yet.
 """
 
 import re
@@ -13,7 +13,7 @@ from .plain import printable, shown
 LONGEST_TEXT = 4_000  # characters of one value on a page
 
 # Readers agree on character references, but not on which backslashes are escapes.
-_SAID = {"<": "&lt;", "|": "\\|"}
+_ESCAPES = {"<": "&lt;", "|": "\\|"}
 _MARKUP = re.compile(
     r"""(?P<anywhere>[\\`*~{@<|])
     | (?P<entity>&)(?=\#?\w+;)
@@ -24,9 +24,9 @@ _MARKUP = re.compile(
     re.VERBOSE | re.IGNORECASE,
 )
 # Beginnings of a heading, a quotation, a list item, an underline, an admonition.
-_BEGINNING = re.compile(r"\A(?:[#>=]|[-+:!?](?=[\s!?-]|\Z)|\d+[.)](?=\s|\Z))")
+_LINE_START = re.compile(r"\A(?:[#>=]|[-+:!?](?=[\s!?-]|\Z)|\d+[.)](?=\s|\Z))")
 # In a block: text that could end its fence, or is markup to a reader without support for fences.
-_RISKY = re.compile(r"[<`~@]|//|\][(\[:]|^\s*$|^\s*(?:[#>*+=-]|\d+[.)])", re.MULTILINE)
+_UNFENCEABLE = re.compile(r"[<`~@]|//|\][(\[:]|^\s*$|^\s*(?:[#>*+=-]|\d+[.)])", re.MULTILINE)
 
 
 class Markdown(str):
@@ -37,12 +37,12 @@ class Markdown(str):
 
 def text(value: object) -> Markdown:
     """Escaped words for a line of a paragraph, a heading or a list item."""
-    return Markdown(_BEGINNING.sub(_reference, cell(value)))
+    return Markdown(_LINE_START.sub(_escape, cell(value)))
 
 
 def cell(value: object) -> Markdown:
     """Escaped words within a line, for instance in a table cell."""
-    return Markdown(_MARKUP.sub(_reference, printable(value, LONGEST_TEXT)))
+    return Markdown(_MARKUP.sub(_escape, printable(value, LONGEST_TEXT)))
 
 
 def code(value: object) -> Markdown:
@@ -60,18 +60,18 @@ def block(value: str, language: str = "") -> Markdown:
     list, which would otherwise absorb the block.
     """
     lines = shown(value).rstrip("\n")
-    if not language or _RISKY.search(lines):
+    if not language or _UNFENCEABLE.search(lines):
         return Markdown("<!-- -->\n\n" + "\n".join(f"    {line}" for line in lines.split("\n")))
     return Markdown(f"```{language}\n{lines}\n```")
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> Markdown:
     """A table whose cells are Markdown already."""
-    every = (heading, ["---"] * len(heading), *rows)
-    return Markdown("\n".join("| " + " | ".join(row) + " |" for row in every))
+    lines = (heading, ["---"] * len(heading), *rows)
+    return Markdown("\n".join("| " + " | ".join(row) + " |" for row in lines))
 
 
-def _reference(found: re.Match[str]) -> str:
+def _escape(match: re.Match[str]) -> str:
     """Replacement for a part that would be markup."""
-    part = found[0]
-    return _SAID.get(part, f"{part[:-1]}&#{ord(part[-1])};")
+    part = match[0]
+    return _ESCAPES.get(part, f"{part[:-1]}&#{ord(part[-1])};")

@@ -31,8 +31,8 @@ def shown(text: str, longest: int = LONGEST_OUTPUT) -> str:
 
     Long texts lose their middle: an error ends with what is to be done.
     """
-    lines = visible(_cut(text, longest), keep="\n").split("\n")
-    return "\n".join(_cut(line, LONGEST_LINE) for line in lines)
+    lines = visible(_shorten(text, longest), keep="\n").split("\n")
+    return "\n".join(_shorten(line, LONGEST_LINE) for line in lines)
 
 
 def one_line(text: str, longest: int = LONGEST_OUTPUT) -> str:
@@ -40,9 +40,9 @@ def one_line(text: str, longest: int = LONGEST_OUTPUT) -> str:
     return shown(text, longest).replace("\n", " ")
 
 
-def _cut(text: str, longest: int) -> str:
+def _shorten(text: str, longest: int) -> str:
     if len(text) <= longest:
         return text
-    told = f" [... {len(text) - longest} characters left out ...] "
+    omission = f" [... {len(text) - longest} characters left out ...] "
     tail = longest // 3
-    return text[: longest - tail] + told + text[-tail:]
+    return text[: longest - tail] + omission + text[-tail:]

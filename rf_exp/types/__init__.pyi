@@ -1,4 +1,4 @@
-from .choices import BARE as BARE
+from .choices import DEFAULT_FINISH as DEFAULT_FINISH
 from .choices import FOREIGN as FOREIGN
 from .choices import LARGEST_PX as LARGEST_PX
 from .choices import MOST_LAMPS as MOST_LAMPS
@@ -23,7 +23,7 @@ from .choices import Texture as Texture
 from .choices import TextureKind as TextureKind
 from .choices import TextureSet as TextureSet
 from .choices import camera_names as camera_names
-from .motion import ANYBODY as ANYBODY
+from .motion import ANY_AGENT as ANY_AGENT
 from .motion import Schedule as Schedule
 from .motion import Segment as Segment
 from .motion import Subgoal as Subgoal
@@ -31,7 +31,7 @@ from .motion import Trajectory as Trajectory
 from .motion import activity as activity
 from .motion import doing as doing
 from .motion import spans as spans
-from .motion import what_of as what_of
+from .motion import without_height as without_height
 from .scene import ARM_JOINTS as ARM_JOINTS
 from .scene import CONTROL_DT_S as CONTROL_DT_S
 from .scene import CONTROL_HZ as CONTROL_HZ
@@ -64,4 +64,4 @@ from .scene import arm_of as arm_of
 from .scene import fingers_of as fingers_of
 from .scene import gripper_of as gripper_of
 from .scene import joints_of as joints_of
-from .scene import narrowed as narrowed
+from .scene import without_padding as without_padding

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 
-SEEN_PX = 240  # smallest height of pictures for people; policies need less
+MIN_DISPLAY_PX = 240  # smallest height of pictures for people; policies need less
 SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes with the largest ones take gigabytes
 UNVARIED = "none"  # scenes differ by start poses of objects, and a little in light and colour
 Kind = Literal["logical", "temporal", "spatial"]
@@ -16,7 +16,7 @@ Occupancy = Literal["state", "depth"]  # source of the scene for spatial constra
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """A row of the paper's ablation: the kinds of constraints that are on (DESIGN: logical always is).
+    """A row of the paper's ablation: the kinds of constraints that are on (logical ones always are).
 
     By default all of them: the library has no configuration.
     """
@@ -60,7 +60,7 @@ class Pictures:
 
     def __post_init__(self) -> None:
         if self.cameras not in get_args(CameraChoice):
-            raise choices("cameras", self.cameras, get_args(CameraChoice))
+            raise unknown_choice("cameras", self.cameras, get_args(CameraChoice))
         for name, side in (("width", self.width), ("height", self.height)):
             if not SMALLEST_PX <= side <= LARGEST_PX:
                 possible = f"{SMALLEST_PX} to {LARGEST_PX} pixels"
@@ -68,12 +68,14 @@ class Pictures:
 
     @property
     def enlarged(self) -> "Pictures":
-        """The same, enlarged for people: at least `SEEN_PX` high."""
-        if self.height >= SEEN_PX:
+        """The same, enlarged for people: at least `MIN_DISPLAY_PX` high."""
+        if self.height >= MIN_DISPLAY_PX:
             return self
-        return replace(self, width=min(LARGEST_PX, self.width * SEEN_PX // self.height), height=SEEN_PX)
+        return replace(
+            self, width=min(LARGEST_PX, self.width * MIN_DISPLAY_PX // self.height), height=MIN_DISPLAY_PX
+        )
 
-    def of(self, agents: int) -> tuple[str, ...]:
+    def camera_names(self, agents: int) -> tuple[str, ...]:
         """The names of the cameras for a number of agents; empty without rendering."""
         return camera_names(self.cameras, agents) if self.render else ()
 
@@ -134,7 +136,7 @@ class Texture:
     def __post_init__(self) -> None:
         for name, possible in (("kind", get_args(TextureKind)), ("set", get_args(TextureSet))):
             if (value := getattr(self, name)) not in possible:
-                raise choices(f"{name} of a texture", value, possible)
+                raise unknown_choice(f"{name} of a texture", value, possible)
         if not 0 < self.tile_m < float("inf"):
             raise ArgumentError(f"tile_m={self.tile_m} of a texture; expected more than 0 m")
 
@@ -153,16 +155,16 @@ class Finish:
                 raise ArgumentError(f"{name} of a finish is {getattr(self, name)}; expected 0 to 1")
 
 
-BARE = Finish()
+DEFAULT_FINISH = Finish()
 
 
 @dataclass(frozen=True)
 class Look:
     """Finishes of table top, floor and walls; by default unchanged."""
 
-    table: Finish = BARE
-    floor: Finish = BARE
-    walls: Finish = BARE
+    table: Finish = DEFAULT_FINISH
+    floor: Finish = DEFAULT_FINISH
+    walls: Finish = DEFAULT_FINISH
 
 
 @dataclass(frozen=True)
@@ -197,9 +199,9 @@ class Light:
     def brighter(self, factor: float) -> "Light":
         """The same light, brighter by a factor."""
 
-        def times(colour: Rgb) -> Rgb:
+        def scaled(colour: Rgb) -> Rgb:
             red, green, blue = colour
             return red * factor, green * factor, blue * factor
 
-        lamps = tuple(Lamp(lamp.direction, times(lamp.colour)) for lamp in self.lamps)
-        return Light(times(self.ambient), lamps)
+        lamps = tuple(Lamp(lamp.direction, scaled(lamp.colour)) for lamp in self.lamps)
+        return Light(scaled(self.ambient), lamps)

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from rf_exp.findings import Doing
 
-ANYBODY = 0  # in place of an agent's number: any agent
+ANY_AGENT = 0  # in place of an agent's number: any agent
 
 
 @dataclass(frozen=True)
 class Subgoal:
     """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
 
-    agent: int  # from 1; ANYBODY: chosen by the planner
+    agent: int  # from 1; ANY_AGENT: chosen by the planner
     verb: str  # grasp lift carry place strike press shut release home aside hold
     object: str | None = None
     point: str | None = None  # interaction point of `object`
@@ -32,10 +32,10 @@ class Subgoal:
 
     @property
     def text(self) -> str:
-        return self.what + (f" by {self.height_m:g} m" if self.height_m is not None else "")
+        return self.text_without_height + (f" by {self.height_m:g} m" if self.height_m is not None else "")
 
     @property
-    def what(self) -> str:
+    def text_without_height(self) -> str:
         """Its text without the height."""
         words = [self.verb]
         words += [self.object] if self.object else []
@@ -45,8 +45,8 @@ class Subgoal:
         return " ".join(words)
 
 
-def what_of(text: str) -> str:
-    """`Subgoal.what` of the text of a subgoal."""
+def without_height(text: str) -> str:
+    """`Subgoal.text_without_height` of the text of a subgoal."""
     return text.partition(" by ")[0]
 
 
@@ -66,18 +66,18 @@ class Segment:
     tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of the attached object
     touches: frozenset[str] = frozenset()  # objects the gripper may touch here
     joined: str | None = None  # segments of several agents with one label run in lockstep
-    opened_rad: NDArray[np.float64] | None = None  # (T,) hinge angle of an attached object that is pushed
+    hinge_rad: NDArray[np.float64] | None = None  # (T,) hinge angle of an attached object that is pushed
 
     def __len__(self) -> int:
         return len(self.qpos)
 
     @property
-    def gripped(self) -> str | None:
+    def grasped_object(self) -> str | None:
         """The attached object, unless it is only pushed."""
-        return self.attached if self.opened_rad is None else None
+        return self.attached if self.hinge_rad is None else None
 
     @property
-    def about(self) -> frozenset[str]:
+    def involved_names(self) -> frozenset[str]:
         """Names of the objects and of the named place that the segment involves."""
         return self.touches | self.subgoal.names
 
@@ -118,7 +118,7 @@ class Trajectory:
     @cached_property
     def _path(self) -> NDArray[np.float64]:
         start = np.append(self.start_qpos, self.start_gripper)[None]
-        rows = [np.column_stack([s.qpos, s.gripper]) for s in self.segments]
+        rows = [np.column_stack([segment.qpos, segment.gripper]) for segment in self.segments]
         path = np.concatenate([start, *rows])
         path.flags.writeable = False  # shared between callers
         return path
@@ -168,11 +168,11 @@ def activity(trajectory: Trajectory, schedule: Schedule, step: int) -> Activity:
     An agent at the end of one segment waits for the next.
     """
     last = min(step, len(schedule))
-    before, now = schedule.positions[[last - 1, last], trajectory.agent - 1].tolist()
-    moves = now > before and step == last
-    if not moves and now == len(trajectory):
+    previous, current = schedule.positions[[last - 1, last], trajectory.agent - 1].tolist()
+    moves = current > previous and step == last
+    if not moves and current == len(trajectory):
         return Activity(None, False)
-    return Activity(trajectory.segment_at(now if moves else now + 1), moves)
+    return Activity(trajectory.segment_at(current if moves else current + 1), moves)
 
 
 def doing(segment: Segment | None, along_s: float | None = None) -> Doing | None:

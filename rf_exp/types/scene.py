@@ -35,7 +35,8 @@ class Scene:
     finger_forces: Mapping[tuple[int, str], NDArray[np.float64]] = field(default_factory=dict)
     # (agent, object) -> (3,) N force of the agent's fingers on the object, world frame
     arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
-    seen: NDArray[np.int64] | None = None  # (K, 3) voxels occupied in depth pictures; None: not measured
+    occupied_voxels: NDArray[np.int64] | None = None
+    # (K, 3) voxels occupied in depth pictures; None: not measured
     clutter: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     # piece of clutter -> world_from_object (4, 4)
     clutter_contacts: tuple[tuple[str, str, float], ...] = ()  # (agent<k> or object, piece, force N)
@@ -43,7 +44,7 @@ class Scene:
     joint_offset_rad: NDArray[np.float64] | None = None
 
     @property
-    def true(self) -> "Scene":
+    def with_true_joints(self) -> "Scene":
         """The scene with the true joint positions, for judging success and contacts."""
         if self.joint_offset_rad is None:
             return self
@@ -141,11 +142,11 @@ def gripper_of(action: NDArray[Number]) -> NDArray[Number]:
     return action[..., -1]
 
 
-def narrowed(rows: NDArray[Number], joints: int, hand: int) -> NDArray[Number]:
-    """(..., joints + hand) rows of one arm without the padding of its task's rows (..., D)."""
-    if rows.shape[-1] == joints + hand:
+def without_padding(rows: NDArray[Number], n_joints: int, n_gripper: int) -> NDArray[Number]:
+    """(..., n_joints + n_gripper) rows of one arm without the padding of its task's rows (..., D)."""
+    if rows.shape[-1] == n_joints + n_gripper:
         return rows
-    return np.concatenate([rows[..., :joints], rows[..., -hand:]], axis=-1)
+    return np.concatenate([rows[..., :n_joints], rows[..., -n_gripper:]], axis=-1)
 
 
 # progress of a task
@@ -164,7 +165,7 @@ class Measured(NamedTuple):  # created many times a control step; a frozen datac
         return self.holds
 
     @property
-    def asked(self) -> str:
+    def requirement(self) -> str:
         return bound_text(self.bound, self.above)
 
 

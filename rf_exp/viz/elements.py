@@ -35,12 +35,12 @@ class Mesh:
 def mesh3d(entity: str, mesh: Mesh) -> rr.Mesh3D:
     """The mesh for rerun. Raises ArgumentError naming the entity."""
     count = len(mesh.vertices)
-    expect(f"vertices of {entity!r}", mesh.vertices, (count, 3))
-    expect(f"faces of {entity!r}", mesh.faces, (len(mesh.faces), 3))
+    require_array(f"vertices of {entity!r}", mesh.vertices, (count, 3))
+    require_array(f"faces of {entity!r}", mesh.faces, (len(mesh.faces), 3))
     tint = srgb(mesh.colour)
     if tint.shape not in ((3,), (count, 3)):
-        found = "x".join(map(str, tint.shape))
-        raise ArgumentError(f"colour of {entity!r} has shape {found}; expected 3 or {count}x3")
+        found_shape = "x".join(map(str, tint.shape))
+        raise ArgumentError(f"colour of {entity!r} has shape {found_shape}; expected 3 or {count}x3")
     vertices, normals, faces = creased(mesh.vertices, mesh.faces)
     return rr.Mesh3D(
         vertex_positions=mesh.vertices[vertices],
@@ -70,22 +70,24 @@ def creased(
     units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-12)
     vertex, face = faces.ravel(), np.repeat(np.arange(len(faces)), 3)  # of each corner (3F,)
     incidence = csr_array((np.ones(len(vertex)), (np.arange(len(vertex)), vertex)))
-    one, other = (incidence @ incidence.T).nonzero()  # pairs of corners at one vertex
-    smooth = np.einsum("ij,ij->i", units[face[one]], units[face[other]]) > np.cos(np.deg2rad(CREASE_DEG))
+    first_corner, second_corner = (incidence @ incidence.T).nonzero()  # pairs of corners at one vertex
+    smooth = np.einsum("ij,ij->i", units[face[first_corner]], units[face[second_corner]]) > np.cos(
+        np.deg2rad(CREASE_DEG)
+    )
     normals = np.zeros((len(vertex), 3))
-    np.add.at(normals, one[smooth], areas[face[other[smooth]]])
+    np.add.at(normals, first_corner[smooth], areas[face[second_corner[smooth]]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     corners = np.column_stack([vertex, normals.round(3)])
     _, kept, indices = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     return vertex[kept].astype(np.int64), normals[kept], indices.reshape(-1, 3)
 
 
-def expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | None = None) -> None:
+def require_array(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | None = None) -> None:
     """Raise ArgumentError naming `name` unless `value` is a finite array of that shape and type."""
     array = np.asarray(value)
     if array.shape != shape:
-        found = "x".join(map(str, array.shape)) or "of one number"
-        raise ArgumentError(f"{name} has shape {found}; expected {'x'.join(map(str, shape))}")
+        found_shape = "x".join(map(str, array.shape)) or "of one number"
+        raise ArgumentError(f"{name} has shape {found_shape}; expected {'x'.join(map(str, shape))}")
     if dtype is not None and array.dtype != dtype:
         raise ArgumentError(f"{name} is {array.dtype}; expected {dtype}")
     if not np.isfinite(array).all():
@@ -98,12 +100,12 @@ def opening_mm(robot: Robot, target: NDArray[np.floating]) -> float:
     return open_mm * float(target[-1] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
 
 
-def lane(code: str) -> str:
+def path_part(code: str) -> str:
     """Check code or a condition as part of an entity path, without characters that need escapes."""
     return re.sub(r"\W+", "-", code).strip("-")
 
 
-def placed(pose: Matrix) -> rr.Transform3D:
+def transform(pose: Matrix) -> rr.Transform3D:
     return rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
 
 

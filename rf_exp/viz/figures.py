@@ -24,8 +24,8 @@ TILE_IN = 2.9  # side of one coordination diagram
 LEGEND_IN = 0.35
 COLUMNS = 3
 WIDTH_IN, LANE_IN = 10.0, 0.5  # width of the timeline, height of a lane
-LETTERS = 170  # characters of subgoals that fit along a lane
-RIBBON = 0.035  # width of the coloured path beside a diagram, as a part of its side
+LANE_CHARACTERS = 170  # characters of subgoals that fit along a lane
+RIBBON_WIDTH = 0.035  # width of the coloured path beside a diagram, as a part of its side
 
 
 def _hex(colour: Rgb) -> str:
@@ -82,9 +82,9 @@ def coordination(
             Patch(color=_hex(ORDERED), label="order forbids"),
             Line2D([], [], color="white", label="schedule"),
         ]
-        packed = {"ncols": 3, "fontsize": 8, "handlelength": 1.2, "columnspacing": 1.2}
-        figure.legend(handles=handles, loc="outside lower center", **packed)
-        picture = _drawn(figure)
+        legend_style = {"ncols": 3, "fontsize": 8, "handlelength": 1.2, "columnspacing": 1.2}
+        figure.legend(handles=handles, loc="outside lower center", **legend_style)
+        picture = _render(figure)
         cell = [[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]]  # two opposite corners
         corners = np.array([axes.transData.transform(cell) for axes in grid[: len(pairs)]])
     (origins, ends), flip = corners.swapaxes(0, 1), np.array([1.0, -1.0])  # y of axes is upwards
@@ -97,7 +97,7 @@ def coordination_size_px(pairs: int) -> tuple[int, int]:
     return int(width_in * DPI), int(height_in * DPI)
 
 
-def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.uint8]:
+def timeline(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.uint8]:
     """Timeline (H, W, 3) sRGB: one lane per agent, segments coloured by primitive, waiting in grey."""
     with rc_context(STYLE):
         size = WIDTH_IN, LANE_IN * len(trajectories) + 0.9
@@ -105,7 +105,9 @@ def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.
         axes = figure.add_subplot()
         for trajectory in trajectories:
             _lane(axes, trajectory, schedule)
-        axes.set_yticks([each.agent for each in trajectories], [f"agent {t.agent}" for t in trajectories])
+        axes.set_yticks(
+            [trajectory.agent for trajectory in trajectories], [f"agent {t.agent}" for t in trajectories]
+        )
         for label, trajectory in zip(axes.get_yticklabels(), trajectories, strict=True):
             label.set_color(_hex(agent_colour(trajectory.agent)))
         axes.set_xlim(0.0, max(len(schedule), 1) * CONTROL_DT_S)
@@ -113,11 +115,13 @@ def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.
         axes.set_xlabel("s since the start of the plan")
         for side in ("left", "right", "top"):
             axes.spines[side].set_visible(False)
-        names = dict.fromkeys(segment.primitive for each in trajectories for segment in each.segments)
+        names = dict.fromkeys(
+            segment.primitive for trajectory in trajectories for segment in trajectory.segments
+        )
         handles = [Patch(color=_hex(primitive_colour(name)), label=name) for name in names]
         handles += [Patch(color=_hex(WAITS), label="waits")]
         figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=1.2)
-        return _drawn(figure)
+        return _render(figure)
 
 
 def _tiles(pairs: int) -> tuple[int, int]:
@@ -132,19 +136,19 @@ def _size_in(pairs: int) -> tuple[float, float]:
 
 def _lane(axes: Axes, trajectory: Trajectory, schedule: Schedule) -> None:
     """Draws the lane of one agent."""
-    row, found = trajectory.agent, spans(trajectory, schedule)
-    end_s = (found[-1].ends if found else 0) * CONTROL_DT_S
+    row, motion_spans = trajectory.agent, spans(trajectory, schedule)
+    end_s = (motion_spans[-1].ends if motion_spans else 0) * CONTROL_DT_S
     axes.broken_barh([(0.0, end_s)], (row - 0.2, 0.4), facecolor=_hex(WAITS))
     begins: dict[str, float] = {}
-    for span in found:
+    for span in motion_spans:
         first, last = span.begins * CONTROL_DT_S, span.ends * CONTROL_DT_S
         colour = _hex(primitive_colour(span.segment.primitive))
         axes.broken_barh([(first, last - first)], (row - 0.2, 0.4), facecolor=colour, edgecolor=FACE, lw=0.6)
         begins.setdefault(span.segment.subgoal.text, first)
-    whole_s = max(len(schedule), 1) * CONTROL_DT_S
-    for (text, first), until in zip(begins.items(), [*begins.values(), whole_s][1:], strict=True):
-        room = int(LETTERS * (until - first) / whole_s)
-        shown = text if len(text) <= room else f"{text[: max(0, room - 1)]}…"
+    total_s = max(len(schedule), 1) * CONTROL_DT_S
+    for (text, first), until in zip(begins.items(), [*begins.values(), total_s][1:], strict=True):
+        characters = int(LANE_CHARACTERS * (until - first) / total_s)
+        shown = text if len(text) <= characters else f"{text[: max(0, characters - 1)]}…"
         axes.plot([first, first], [row - 0.42, row + 0.2], color=TEXT, lw=0.8)
         axes.text(first, row - 0.27, f" {shown}", va="bottom", fontsize=7.5, clip_on=True)
 
@@ -160,7 +164,7 @@ def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple
     for trajectory, across in ((i, True), (j, False)):
         draw = axes.axvspan if across else axes.axhspan
         for segment, begin, end in trajectory.intervals:
-            colour, ribbon = _hex(primitive_colour(segment.primitive)), (1.0, 1.0 + RIBBON)
+            colour, ribbon = _hex(primitive_colour(segment.primitive)), (1.0, 1.0 + RIBBON_WIDTH)
             draw(begin * CONTROL_DT_S, end * CONTROL_DT_S, *ribbon, clip_on=False, color=colour)
     # The half cell keeps the axis of an agent that does not move from being empty.
     axes.set(xlim=(-half, right), ylim=(-half, top), aspect="auto", box_aspect=1.0)
@@ -168,7 +172,7 @@ def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple
     axes.set_ylabel(f"agent {j.agent}, s along its path", color=_hex(agent_colour(j.agent)))
 
 
-def _drawn(figure: Figure) -> NDArray[np.uint8]:
+def _render(figure: Figure) -> NDArray[np.uint8]:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()

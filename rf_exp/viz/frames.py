@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rf_exp.viz.layout import Rgb, agent_colour
 
-GROUND, INK, SOFT = (22, 24, 28), (236, 238, 240), (150, 154, 160)
+BACKGROUND, INK, FAINT_INK = (22, 24, 28), (236, 238, 240), (150, 154, 160)
 GAP_PX = 8
 TEXT_PX, SMALL_PX = 17, 15  # font sizes
 LINE_PX = 25  # line spacing
@@ -52,31 +52,33 @@ def frame(
     Its sizes are even, as video needs, and equal for the same cameras and number of lines.
     """
     agents = sorted(int(name.removeprefix("agent")) for name in pictures if name != "global")
-    large = pictures["global"]
-    width_px = height_px * large.shape[1] // large.shape[0]
+    global_picture = pictures["global"]
+    width_px = height_px * global_picture.shape[1] // global_picture.shape[0]
     rows = max(1, min(ROWS, len(agents)))
-    high = (height_px - (rows - 1) * GAP_PX) // rows
-    view_px = (high * large.shape[1] // large.shape[0], high)
-    across = width_px + ceil(len(agents) / rows) * (view_px[0] + GAP_PX)
-    down = height_px + LINE_PX * len(lines) + 3 * GAP_PX
-    whole, draw = blank((across + across % 2, down + down % 2))
-    whole.paste(_marked(large, (width_px, height_px), [m for m in marks if m.camera == "global"]), (0, 0))
+    view_height_px = (height_px - (rows - 1) * GAP_PX) // rows
+    view_px = (view_height_px * global_picture.shape[1] // global_picture.shape[0], view_height_px)
+    total_width_px = width_px + ceil(len(agents) / rows) * (view_px[0] + GAP_PX)
+    total_height_px = height_px + LINE_PX * len(lines) + 3 * GAP_PX
+    image, draw = blank((total_width_px + total_width_px % 2, total_height_px + total_height_px % 2))
+    image.paste(
+        _draw_marks(global_picture, (width_px, height_px), [m for m in marks if m.camera == "global"]), (0, 0)
+    )
     label(draw, (0, 0), title, INK)
-    for place, agent in enumerate(agents):
-        column, row = divmod(place, rows)
-        at = (width_px + GAP_PX + column * (view_px[0] + GAP_PX), row * (high + GAP_PX))
+    for index, agent in enumerate(agents):
+        column, row = divmod(index, rows)
+        corner = (width_px + GAP_PX + column * (view_px[0] + GAP_PX), row * (view_height_px + GAP_PX))
         name = f"agent{agent}"
-        whole.paste(_marked(pictures[name], view_px, [m for m in marks if m.camera == name]), at)
-        label(draw, at, f"view of Agent_{agent}", agent_colour(agent))
+        image.paste(_draw_marks(pictures[name], view_px, [m for m in marks if m.camera == name]), corner)
+        label(draw, corner, f"view of Agent_{agent}", agent_colour(agent))
     write_lines(draw, (GAP_PX, height_px + GAP_PX), lines)
-    return np.asarray(whole)
+    return np.asarray(image)
 
 
-def _marked(picture: NDArray[np.uint8], size: tuple[int, int], marks: Sequence[Mark]) -> Image.Image:
+def _draw_marks(picture: NDArray[np.uint8], size: tuple[int, int], marks: Sequence[Mark]) -> Image.Image:
     """A picture scaled to that size, with marks; rings are drawn over dots."""
     image = scaled(picture, size)
     draw = ImageDraw.Draw(image)
-    for mark in sorted(marks, key=lambda each: each.ring):
+    for mark in sorted(marks, key=lambda mark: mark.ring):
         x, y, radius = mark.x * size[0], mark.y * size[1], RING_PX if mark.ring else DOT_PX
         fill, outline = (None, mark.colour) if mark.ring else (mark.colour, None)
         draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill, outline, width=2)
@@ -94,7 +96,7 @@ def write_lines(draw: ImageDraw.ImageDraw, at: tuple[int, int], lines: Sequence[
 def label(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, colour: Rgb) -> None:
     """Draws text on a dark strip in the corner of a picture."""
     width = draw.textlength(text, font(SMALL_PX))
-    draw.rectangle((at[0], at[1], at[0] + width + 12, at[1] + SMALL_PX + 8), fill=GROUND)
+    draw.rectangle((at[0], at[1], at[0] + width + 12, at[1] + SMALL_PX + 8), fill=BACKGROUND)
     write(draw, (at[0] + 6, at[1] + 2), text, SMALL_PX, colour)
 
 
@@ -104,7 +106,7 @@ def write(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, size_px: in
 
 def blank(size: tuple[int, int]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
     """An empty image of that width and height in pixels, and its drawing context."""
-    empty = Image.new("RGB", size, GROUND)
+    empty = Image.new("RGB", size, BACKGROUND)
     return empty, ImageDraw.Draw(empty)
 
 

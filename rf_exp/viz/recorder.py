@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.errors import ArgumentError, StageError, unknown_choice
 from rf_exp.findings import Violation
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.statements import Proposal
@@ -26,7 +26,17 @@ from rf_exp.types import (
     fingers_of,
 )
 from rf_exp.viz import figures, layout, text
-from rf_exp.viz.elements import Mesh, dots, expect, lane, lines, mesh3d, opening_mm, pinhole, placed
+from rf_exp.viz.elements import (
+    Mesh,
+    dots,
+    lines,
+    mesh3d,
+    opening_mm,
+    path_part,
+    pinhole,
+    require_array,
+    transform,
+)
 from rf_exp.viz.figures import Coordination, Mask, Pair
 from rf_exp.viz.layout import HOLDS, VIOLATED, Panels, Rgb, agent_colour, camera_entity
 
@@ -81,7 +91,7 @@ class Recorder:
         self._dof = max(robot.dof for robot in self._robots)
         for name in moving:
             if name not in cameras:
-                raise choices("moving camera", name, cameras)
+                raise unknown_choice("moving camera", name, cameras)
         self._moving = tuple(moving)
         self._posed = {*meshes, *map(camera_entity, moving)}  # entities whose pose a step may set
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
@@ -158,22 +168,22 @@ class Recorder:
             raise ArgumentError(f"step {step} comes after step {self._step}; steps do not go back")
         for entity, pose in poses.items():
             if entity not in self._posed:
-                raise choices("entity in poses", entity, self._posed)
-            expect(f"poses[{entity!r}]", pose, (4, 4))
-        expect("qpos", qpos, (self._agents, self._dof + FINGERS))
+                raise unknown_choice("entity in poses", entity, self._posed)
+            require_array(f"poses[{entity!r}]", pose, (4, 4))
+        require_array("qpos", qpos, (self._agents, self._dof + FINGERS))
         if action is not None:
-            expect("action", action, (self._agents, self._dof + 1))
+            require_array("action", action, (self._agents, self._dof + 1))
         for name, picture in pictures.items():
             if name not in self._cameras:
-                raise choices("camera in pictures", name, self._cameras)
+                raise unknown_choice("camera in pictures", name, self._cameras)
             shape = (self._cameras[name].height_px, self._cameras[name].width_px, 3)
-            expect(f"pictures[{name!r}]", picture, shape, np.dtype(np.uint8))
+            require_array(f"pictures[{name!r}]", picture, shape, np.dtype(np.uint8))
         self._set_time(step)
         if self._marks and step - self._marked_step >= MARK_STEPS:
             self._marks.clear()
             self._log("world/violations", rr.Clear(recursive=False))
         for entity, pose in poses.items():
-            self._log(entity, placed(pose))
+            self._log(entity, transform(pose))
         for agent in range(1, self._agents + 1):
             row, robot = qpos[agent - 1], self._robots[agent - 1]
             self._log(f"joints/agent{agent}/measured", rr.Scalars(row[: robot.dof]))
@@ -184,8 +194,8 @@ class Recorder:
                 self._log(f"gripper/agent{agent}/target", rr.Scalars(opening_mm(robot, target)))
         for name, picture in pictures.items():
             _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-            shown = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-            self._log(camera_entity(name), shown)
+            image = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+            self._log(camera_entity(name), image)
 
     def occupancy(self, owner: str, centres_m: NDArray[np.floating] | None, size_m: float = 0.05) -> None:
         """Show the voxels that `owner` (`agent<k>` or an object) occupies, from now on.
@@ -197,7 +207,7 @@ class Recorder:
         if centres_m is None or len(centres_m) == 0:
             self._log(entity, rr.Clear(recursive=False))
             return
-        expect(f"centres_m of {owner}", centres_m, (len(centres_m), 3))
+        require_array(f"centres_m of {owner}", centres_m, (len(centres_m), 3))
         cubes = rr.Boxes3D(
             centers=centres_m,
             half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
@@ -215,22 +225,22 @@ class Recorder:
         line = rr.TextLog(f"{check}: {reason}", level="INFO" if ok else "ERROR")
         self._log(lane, line, rr.StateChange(state="holds" if ok else "violated"))
 
-    def checked(self, results: Sequence[text.CheckResult]) -> None:
+    def plan_checks(self, results: Sequence[text.CheckResult]) -> None:
         """The check code of a plan with the evidence of each check; lanes of other checks become empty."""
-        names = {lane(result.code): result for result in results}
-        for check, going_on in self._checks.items():
-            if going_on and check not in names:
+        results_by_check = {path_part(result.code): result for result in results}
+        for check, has_state in self._checks.items():
+            if has_state and check not in results_by_check:
                 self._checks[check] = False
                 self._log(f"checks/{rr.escape_entity_path_part(check)}", rr.StateChange(state=""))
-        for name, result in names.items():
+        for name, result in results_by_check.items():
             self.verdict(name, result.ok, result.reason)
-        parts = text.summary(results), text.judged_code(results), text.verdicts(results)
+        parts = text.summary(results), text.code_with_values(results), text.verdicts(results)
         self._document(layout.CHECKS, "Check code", Markdown("\n\n".join(parts)))
 
     def violation(self, violation: Violation, places_m: ArrayLike | None = None) -> None:
         """A violated check with its evidence, marked for half a second at `places_m` (K, 3) if known."""
         places = np.zeros((0, 3)) if places_m is None else np.asarray(places_m, dtype=float)
-        expect("places_m", places, (len(places), 3))
+        require_array("places_m", places, (len(places), 3))
         line = text.violation(violation)
         self.verdict(violation.check, False, line)
         self._document(layout.CHECKS, "Violation", Markdown(f"**{violation.check}**: {words(line)}"))
@@ -240,19 +250,21 @@ class Recorder:
             self._marks.clear()
         self._marked_step = self._step
         self._marks += [(violation.check, place) for place in places]
-        checks, where = zip(*self._marks, strict=True)
-        marks = rr.Points3D(where, radii=MARK_RADIUS_M, colors=[VIOLATED], labels=checks, show_labels=True)
+        checks, positions = zip(*self._marks, strict=True)
+        marks = rr.Points3D(
+            positions, radii=MARK_RADIUS_M, colors=[VIOLATED], labels=checks, show_labels=True
+        )
         self._log("world/violations", marks)
 
     def motion(self, agent: int, subgoal: str, primitive: str) -> None:
         """Motion of an agent (from 1) from now on. No primitive: it waits; no subgoal: it has no plan."""
         self._colour(f"agent{agent}")
         state = f"{primitive}: {subgoal}" if primitive else "waits" if subgoal else ""
-        lane, seen = f"{layout.MOTIONS}/agent{agent}", self._motions[agent - 1]
-        if state and state not in seen:
-            seen[state] = layout.primitive_colour(primitive) if primitive else layout.WAITS
+        lane, colours = f"{layout.MOTIONS}/agent{agent}", self._motions[agent - 1]
+        if state and state not in colours:
+            colours[state] = layout.primitive_colour(primitive) if primitive else layout.WAITS
             # The style of a lane lists its states, so it is written anew with each new one.
-            style = rr.StateConfiguration(values=list(seen), colors=list(seen.values()))
+            style = rr.StateConfiguration(values=list(colours), colors=list(colours.values()))
             self._log(lane, style, static=True)
         self._log(lane, rr.StateChange(state=state))
 
@@ -276,50 +288,54 @@ class Recorder:
         _, png = cv2.imencode(".png", self._coordination.picture[..., ::-1])
         self._log(layout.DIAGRAMS, rr.EncodedImage(contents=png.tobytes(), media_type="image/png"))
 
-    def positions(self, positions: NDArray[np.integer]) -> None:
+    def path_positions(self, path_positions: NDArray[np.integer]) -> None:
         """Path positions of all agents (N,) now: a point in every coordination diagram."""
         if self._coordination is not None:
-            where = self._coordination.at(positions)
-            now = rr.Points2D(where, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
-            self._log(f"{layout.DIAGRAMS}/now", now)
+            pixels = self._coordination.at(path_positions)
+            marks = rr.Points2D(pixels, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
+            self._log(f"{layout.DIAGRAMS}/now", marks)
 
-    def predicted(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
+    def predicted_targets(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
         """A policy's predicted targets for an agent from step `first` on: (T, A) rad and gripper command."""
         self._colour(f"agent{agent}")
         robot = self._robots[agent - 1]
-        expect("targets", targets, (len(targets), self._dof + 1))
+        require_array("targets", targets, (len(targets), self._dof + 1))
         joints, gripper = f"joints/agent{agent}/predicted", f"gripper/agent{agent}/predicted"
-        opaque = [(*each, 255) for each in layout.JOINT_COLOURS[: robot.dof]]
+        opaque = [(*colour, 255) for colour in layout.JOINT_COLOURS[: robot.dof]]
         self._style(joints, dots(opaque, ["predicted"] * robot.dof))
         self._style(gripper, dots([(*agent_colour(agent), 255)], [f"agent {agent} predicted"]))
         for group in (f"joints/agent{agent}", "gripper"):
             self._legend(group, [(layout.INK, "dots: predicted")])
-        now = self._step
+        current_step = self._step
         for step, target in enumerate(targets, start=first):
             self._set_time(step)
             self._log(joints, rr.Scalars(target[: robot.dof]))
             self._log(gripper, rr.Scalars(opening_mm(robot, target)))
-        self._set_time(now)
+        self._set_time(current_step)
 
     def detections(self, keypoints: Sequence[KeypointDetection]) -> None:
         """Detected keypoints in the pictures of the cameras; the next one of an agent is large."""
         for camera, model in self._cameras.items():
-            ours = [each for each in keypoints if each.camera == camera]
-            if not ours:
+            camera_keypoints = [keypoint for keypoint in keypoints if keypoint.camera == camera]
+            if not camera_keypoints:
                 continue
             entity = f"{camera_entity(camera)}/seen"
-            places = [(each.x * model.width_px, each.y * model.height_px) for each in ours]
-            colours = [self._colour(f"agent{each.agent}") for each in ours]
-            radii = rr.Radius.ui_points([NEXT_PX if each.is_next else DETECTED_PX for each in ours])
-            self._log(entity, rr.Points2D(places, colors=colours, radii=radii, draw_order=1.0))
+            pixels = [
+                (keypoint.x * model.width_px, keypoint.y * model.height_px) for keypoint in camera_keypoints
+            ]
+            colours = [self._colour(f"agent{keypoint.agent}") for keypoint in camera_keypoints]
+            radii = rr.Radius.ui_points(
+                [NEXT_PX if keypoint.is_next else DETECTED_PX for keypoint in camera_keypoints]
+            )
+            self._log(entity, rr.Points2D(pixels, colors=colours, radii=radii, draw_order=1.0))
 
     def path(self, agent: int, kind: str, places_m: NDArray[np.floating]) -> None:
         """A path of an agent's gripper (K, 3) in the scene: `predicted` is pale."""
         colour = self._colour(f"agent{agent}")
-        expect("places_m", places_m, (len(places_m), 3))
-        shown = layout.pale(colour) if kind == "predicted" else colour
+        require_array("places_m", places_m, (len(places_m), 3))
+        path_colour = layout.pale(colour) if kind == "predicted" else colour
         radius = rr.Radius.ui_points(3.0 if kind == "predicted" else 2.0)
-        strip = rr.LineStrips3D([places_m], colors=[shown], radii=radius)
+        strip = rr.LineStrips3D([places_m], colors=[path_colour], radii=radius)
         self._log(f"{layout.PATHS}/agent{agent}/{rr.escape_entity_path_part(kind)}", strip)
 
     def distance(self, a: int, b: int, distance_m: float) -> None:
@@ -338,13 +354,13 @@ class Recorder:
         self, name: str, holds: bool, line: str, states: tuple[str, str] = ("holds", "not yet")
     ) -> None:
         """State of a condition of success from now on, as a lane; the line goes to the log."""
-        entity = f"{layout.CONDITIONS}/{lane(name)}"
+        entity = f"{layout.CONDITIONS}/{path_part(name)}"
         colours = [HOLDS, layout.NOT_YET if states[1] in NO_FAULT else VIOLATED]
         self._style(entity, rr.StateConfiguration(values=list(states), colors=colours))
         state = rr.StateChange(state=states[0] if holds else states[1])
         self._log(entity, rr.TextLog(line, level="INFO"), state)
 
-    def judged(self, markdown: Markdown) -> None:
+    def judgement(self, markdown: Markdown) -> None:
         """The judge's verdict from now on."""
         self._log(layout.VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
 
@@ -368,7 +384,7 @@ class Recorder:
     def _document(self, entity: str, title: str, markdown: Markdown) -> None:
         """Add to a document that shows everything so far, newest first: attempts share a step."""
         texts = self._documents.setdefault(entity, [])
-        number = 1 + sum(each.startswith(f"## {title} ") for each in texts)
+        number = 1 + sum(entry.startswith(f"## {title} ") for entry in texts)
         texts.insert(0, f"## {title} {number}, step {self._step}\n\n{markdown}")
         self._log(entity, rr.TextDocument("\n\n".join(texts), media_type=rr.MediaType.MARKDOWN))
 
@@ -378,7 +394,7 @@ class Recorder:
         if number == owner or not number.isdigit():
             return layout.OBJECT
         if not 1 <= int(number) <= self._agents:
-            raise choices("agent", owner, (f"agent{agent}" for agent in range(1, self._agents + 1)))
+            raise unknown_choice("agent", owner, (f"agent{agent}" for agent in range(1, self._agents + 1)))
         return agent_colour(int(number))
 
     def _static(self, cameras: Mapping[str, CameraModel], meshes: Mapping[str, Mesh]) -> None:
@@ -387,21 +403,25 @@ class Recorder:
         for name, camera in cameras.items():
             self._log(camera_entity(name), pinhole(camera), static=True)
             if name not in self._moving:
-                expect(f"world_from_camera of camera {name!r}", camera.world_from_camera, (4, 4))
-                self._log(camera_entity(name), placed(camera.world_from_camera), static=True)
+                require_array(f"world_from_camera of camera {name!r}", camera.world_from_camera, (4, 4))
+                self._log(camera_entity(name), transform(camera.world_from_camera), static=True)
         for entity, mesh in meshes.items():
             self._log(entity, mesh3d(entity, mesh), static=True)
         for agent, robot in enumerate(self._robots, start=1):
             colour, name, colours = agent_colour(agent), f"agent {agent}", layout.JOINT_COLOURS[: robot.dof]
             names = [f"q{joint}" for joint in range(1, robot.dof + 1)]
-            sent = layout.INK, "thin: target"
-            self._legend(f"joints/agent{agent}", [*zip(colours, names, strict=True), sent])
+            target_entry = layout.INK, "thin: target"
+            self._legend(f"joints/agent{agent}", [*zip(colours, names, strict=True), target_entry])
             self._log(f"joints/agent{agent}/measured", lines(colours, names, 2), static=True)
-            faint = [(*colour, FAINT) for colour in colours]
+            faint_colours = [(*colour, FAINT) for colour in colours]
             # One name for all targets: one line in the legend.
-            self._log(f"joints/agent{agent}/target", lines(faint, ["target"] * robot.dof, 1), static=True)
+            self._log(
+                f"joints/agent{agent}/target", lines(faint_colours, ["target"] * robot.dof, 1), static=True
+            )
             self._log(f"gripper/agent{agent}/measured", lines([colour], [name], 2), static=True)
-            self._legend("gripper", [(colour, name)] if agent < self._agents else [(colour, name), sent])
+            self._legend(
+                "gripper", [(colour, name)] if agent < self._agents else [(colour, name), target_entry]
+            )
             target = lines([(*colour, FAINT)], [f"{name} target"], 1)
             self._log(f"gripper/agent{agent}/target", target, static=True)
 
@@ -417,11 +437,11 @@ class Recorder:
 
     def _legend(self, group: str, rows: Sequence[tuple[tuple[int, ...], str]]) -> None:
         """Add rows to the legend of a group of curves."""
-        known = self._legends.setdefault(group, [])
-        if not (added := [row for row in rows if row not in known]):
+        entries = self._legends.setdefault(group, [])
+        if not (new_entries := [row for row in rows if row not in entries]):
             return
-        known += added
-        colours, names = zip(*known, strict=True)
-        places = [(0.0, float(row)) for row in range(len(known))]
+        entries += new_entries
+        colours, names = zip(*entries, strict=True)
+        places = [(0.0, float(row)) for row in range(len(entries))]
         points = rr.Points2D(places, colors=colours, labels=names, radii=0.0, show_labels=True)
         self._log(f"{layout.LEGENDS}/{group}", points, static=True)

@@ -35,7 +35,7 @@ CLEAN = Estimate(0.5, 0.25, 0.75, 8)
         ),
         (Rate(0.75, 8, success_paper=0.75), "**75.0 %**, n=8", r"\textbf{75.0 \%}, n=8"),
         (Length(80.71, 3, (79.0, 1234.5)), "**80.7**, [79.0, 1234] n=3", r"\textbf{80.7}, [79.0, 1234] n=3"),
-        (Length(instead="no success"), "no success", "no success"),
+        (Length(placeholder="no success"), "no success", "no success"),
         (
             Violations(0.125, 8, (0.0, 0.5), mean_violations=1.5),
             "**12.5 %**, [0.0, 50.0], mean 1.50",
@@ -66,7 +66,7 @@ def test_a_cell_is_written_with_all_that_belongs_to_it(cell: Cell, markdown: str
             },
         ),
         (
-            Length(instead="no success", paper=204.0),
+            Length(placeholder="no success", paper=204.0),
             {"status": "measured", "value": "no success", "paper": 204.0},
         ),
         (
@@ -80,8 +80,8 @@ def test_csv_holds_the_numbers_as_they_are(cell: Cell, said: dict[str, object]) 
 
 
 def test_a_rate_without_a_violation_is_told_apart_where_it_is_another() -> None:
-    assert Rate(0.5, 8, clean=CLEAN).unmended is None
-    assert Rate(0.75, 8, clean=CLEAN).unmended == CLEAN
+    assert Rate(0.5, 8, clean=CLEAN).clean_if_different is None
+    assert Rate(0.75, 8, clean=CLEAN).clean_if_different == CLEAN
     assert Rate(0.75, 8).estimate is None  # an average has no interval
     assert Rate(0.75, 8, (0.4, 0.9)).estimate == Estimate(0.75, 0.4, 0.9, 8)
 
@@ -95,10 +95,10 @@ def test_what_was_not_measured_is_named_and_not_shown() -> None:
         Line("mean", "Average", (Text(""), none, Violations(None, 0), none), average=True),
     )
     table = Table("t", "T", "", "Task", columns, lines, ("known",))
-    folded = table.folded
-    assert [line.key for line in folded.lines] == ["one"]
-    assert [column.key for column in folded.columns] == ["agents", "a", "a_violations"]
-    assert folded.cell("one", "a") == some
-    assert folded.notes == ("known", "Not measured yet: Two.", "Not measured yet: Second.")
+    reduced = table.without_empty
+    assert [line.key for line in reduced.lines] == ["one"]
+    assert [column.key for column in reduced.columns] == ["agents", "a", "a_violations"]
+    assert reduced.cell("one", "a") == some
+    assert reduced.notes == ("known", "Not measured yet: Two.", "Not measured yet: Second.")
     nothing = replace(table, lines=lines[1:])
-    assert nothing.folded == nothing
+    assert nothing.without_empty == nothing

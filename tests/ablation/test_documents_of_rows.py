@@ -25,7 +25,7 @@ def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.
     for path, written in script["documents"](rows).items():
         assert path.read_text("utf-8") == written, "run: python docs/policies.py"
     # Lines are drawn a little otherwise by another matplotlib; what they show must be the same.
-    panels = script["panels"](script["of_fast"](script["cells"](rows)))
+    panels = script["panels"](script["paper_table_cells"](script["rows_by_policy"](rows)))
     shown = runpy.run_path(str(DOCS / "figure.py"))["described"](panels)
     (told,) = DATA.findall((DOCS / "images" / "policies.svg").read_text("utf-8"))
     assert told == shown, "run: python docs/policies.py"
@@ -58,8 +58,8 @@ def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_
     monkeypatch.syspath_prepend(DOCS)
     script = runpy.run_path(str(DOCS / "robustness.py"))
     names = {path.stem for path in (CONF / "variation").glob("*.yaml")}
-    assert set(script["choices"]()) == names
-    assert all(line[2] == "nothing" for line in map(script["factor"], names) if line[0] == "`none`")
+    assert set(script["variation_names"]()) == names
+    assert all(line[2] == "nothing" for line in map(script["factor_line"], names) if line[0] == "`none`")
     told = dict(script["keys"]())
     assert set(told) == {f"`{each.name}`" for each in fields(Variation) if each.name != "name"}
     rows = evaluation("lift_barrier", "separate_local", 150, 2, 1, recipe="fast")

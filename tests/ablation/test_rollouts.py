@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, load, rollout_file, worth_seeing
+from rf_exp.ablation import EvaluationRow, load, rollout_file, seeds_to_film
 from rf_exp.ablation.report import learnt_from
-from rf_exp.findings import NOTHING, Account, Closest, Lost, Touch, Unmet
+from rf_exp.findings import NO_STEPS, Account, Closest, Lost, Touch, Unmet
 from tests.ablation.conftest import evaluation
 
 ROOT = Path(__file__).parents[2]
@@ -40,15 +40,15 @@ def rows(*accounts: Account | None) -> list[EvaluationRow]:
 def test_failures_of_different_kinds_are_seen_first() -> None:
     found = rows(None, UP, None, UP_LATER, None, TOUCHED)
     first = 1_000_000
-    assert worth_seeing(found, 2) == (first, first + 2, first + 1, first + 5)
-    assert worth_seeing(found[::-1], 2) == worth_seeing(found, 2)  # rows may be written in any order
-    assert worth_seeing(found, 3)[3:] == (first + 1, first + 5, first + 3)
-    assert worth_seeing(found, 0) == ()
+    assert seeds_to_film(found, 2) == (first, first + 2, first + 1, first + 5)
+    assert seeds_to_film(found[::-1], 2) == seeds_to_film(found, 2)  # rows may be written in any order
+    assert seeds_to_film(found, 3)[3:] == (first + 1, first + 5, first + 3)
+    assert seeds_to_film(found, 0) == ()
 
 
 def test_a_scene_that_was_never_begun_is_not_filmed() -> None:
     [row] = rows(Account(ended="no result after 3600 s"))
-    assert worth_seeing([replace(row, steps=0)], 2) == ()
+    assert seeds_to_film([replace(row, steps=0)], 2) == ()
 
 
 def test_files_of_policies_that_were_trained_from_other_seeds_are_apart() -> None:
@@ -63,7 +63,7 @@ def test_a_score_comes_from_the_account_and_is_unknown_where_nothing_was_judged(
     """So rows that are older than the score have theirs, but for scenes that were ended from outside."""
     partly = Account(closest=Closest(2, 3, 1.0, 0), touches=(Touch((1, 2), 0.1, 2),))
     ended = Account(ended="took longer than 3600 s")
-    found = [row.score for row in rows(None, UP, UP_LATER, partly, Account(closest=NOTHING), ended)]
+    found = [row.score for row in rows(None, UP, UP_LATER, partly, Account(closest=NO_STEPS), ended)]
     assert found == [1.0, 0.0, 0.5, 0.5, 0.0, None]
     assert all(row.score is not None for row in load(ROOT).evaluation)  # of all that is published
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts import read_json, sweep, whole, write_json
+from rf_exp.artifacts import atomic_path, read_json, remove_stale_drafts, write_json
 from rf_exp.errors import StageError
 
 WRITER = """
 import sys, time
 from pathlib import Path
-from rf_exp.artifacts.files import whole
-with whole(Path(sys.argv[1])) as draft:
+from rf_exp.artifacts.files import atomic_path
+with atomic_path(Path(sys.argv[1])) as draft:
     draft.write_text("half")
     print("writing", flush=True)
     time.sleep(600)
@@ -41,7 +41,7 @@ def drafts(folder: Path) -> list[Path]:
 
 def test_a_file_appears_when_it_is_finished(tmp_path: Path) -> None:
     path = tmp_path / "new/folder/model.bin"
-    with whole(path) as draft:
+    with atomic_path(path) as draft:
         draft.write_text("whole")
         assert not path.exists() and draft.name == path.name
     assert path.read_text() == "whole"
@@ -51,7 +51,7 @@ def test_a_file_appears_when_it_is_finished(tmp_path: Path) -> None:
 def test_what_was_there_stays_when_writing_fails(tmp_path: Path) -> None:
     path = tmp_path / "model.bin"
     path.write_text("before")
-    with pytest.raises(RuntimeError), whole(path) as draft:
+    with pytest.raises(RuntimeError), atomic_path(path) as draft:
         draft.write_text("half")
         raise RuntimeError
     assert path.read_text() == "before"
@@ -59,21 +59,21 @@ def test_what_was_there_stays_when_writing_fails(tmp_path: Path) -> None:
 
 
 def test_a_folder_can_be_written_too(tmp_path: Path) -> None:
-    with whole(tmp_path / "store") as draft:
+    with atomic_path(tmp_path / "store") as draft:
         draft.mkdir()
         (draft / "one").write_text("1")
     assert (tmp_path / "store/one").read_text() == "1"
 
 
 def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer) -> None:
-    sweep(tmp_path)
+    remove_stale_drafts(tmp_path)
     (draft,) = drafts(tmp_path)
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     assert drafts(tmp_path) == [draft]
     somebody_s = tmp_path / ".download.of-another-program.partial"
     somebody_s.mkdir()
-    sweep(tmp_path)
+    remove_stale_drafts(tmp_path)
     assert drafts(tmp_path) == [somebody_s]
 
 
@@ -87,13 +87,13 @@ def test_whoever_writes_next_removes_what_the_dead_have_left_under_another_name(
 
 
 def test_the_next_writer_cleans_up_and_does_not_disturb(tmp_path: Path, writer) -> None:
-    with whole(tmp_path / "model.bin") as draft:
+    with atomic_path(tmp_path / "model.bin") as draft:
         draft.write_text("whole")
     assert (tmp_path / "model.bin").read_text() == "whole"
     assert len(drafts(tmp_path)) == 1  # of the process that lives
     writer.send_signal(signal.SIGKILL)
     writer.wait()
-    with whole(tmp_path / "model.bin") as draft:
+    with atomic_path(tmp_path / "model.bin") as draft:
         draft.write_text("again")
     assert not drafts(tmp_path)
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rf_exp.artifacts import differing, digest, expect_same, plain, restored
+from rf_exp.artifacts import digest, expect_same, find_differences, plain, restored
 from rf_exp.errors import ArgumentError, StageError
 
 
 def test_leaves_that_differ_are_named() -> None:
     found = {"task": {"name": "a", "x_m": (0.0, 1)}, "old": 1, "same": [1, 2]}
     wanted = {"task": {"name": "b", "x_m": [0, 1.0]}, "new": None, "same": (1, 2)}
-    assert differing(found, wanted) == (
+    assert find_differences(found, wanted) == (
         "new: found nothing, wanted null",
         "old: found 1, wanted nothing",
         'task.name: found "a", wanted "b"',
@@ -21,7 +21,7 @@ def test_leaves_that_differ_are_named() -> None:
 
 
 def test_numbers_are_compared_as_numbers() -> None:
-    assert differing({"x": 0, "y": np.float32(0.5)}, {"x": 0.0, "y": 0.5}) == ()
+    assert find_differences({"x": 0, "y": np.float32(0.5)}, {"x": 0.0, "y": 0.5}) == ()
 
 
 def test_a_digest_is_of_the_values() -> None:

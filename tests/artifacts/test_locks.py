@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts import hold_folder
-from rf_exp.stages import owned
+from rf_exp.artifacts import lock_folder
+from rf_exp.stages import artifact_lock
 
 HOLD = """
     import sys, time
@@ -40,7 +40,7 @@ def test_who_waits_for_a_lock_says_so_and_for_whom(holder, tmp_path: Path, capsy
     said: list[str] = []
 
     def wait() -> None:
-        with owned(tmp_path / "artifact"):
+        with artifact_lock(tmp_path / "artifact"):
             said.append("made")
 
     waiting = threading.Thread(target=wait)
@@ -57,17 +57,17 @@ def test_who_waits_for_a_lock_says_so_and_for_whom(holder, tmp_path: Path, capsy
 
 def test_who_does_not_wait_says_nothing_and_writes_its_name(tmp_path: Path, capsys) -> None:
     for _ in range(2):
-        with owned(tmp_path / "artifact"):
+        with artifact_lock(tmp_path / "artifact"):
             assert f'"pid": {os.getpid()}' in (tmp_path / ".artifact.lock").read_text()
     assert capsys.readouterr().out == ""
 
 
 def test_a_folder_is_held_by_one_at_a_time(tmp_path: Path) -> None:
-    held = hold_folder(tmp_path)
-    assert held is not None and hold_folder(tmp_path) is None
+    held = lock_folder(tmp_path)
+    assert held is not None and lock_folder(tmp_path) is None
     os.close(held)
-    again = hold_folder(tmp_path)
+    again = lock_folder(tmp_path)
     assert again is not None
     os.close(again)
     with pytest.raises(FileNotFoundError):
-        hold_folder(tmp_path / "nothing")
+        lock_folder(tmp_path / "nothing")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from jinja2 import UndefinedError
 
-from rf_exp.artifacts import rendered
+from rf_exp.artifacts import render_template
 from rf_exp.texts.markdown import Markdown
 
 
@@ -15,20 +15,23 @@ from rf_exp.texts.markdown import Markdown
 def test_what_values_hold_is_escaped_in_html_and_markdown(tmp_path: Path, suffix: str, said: str) -> None:
     template = tmp_path / f"page.{suffix}"
     template.write_text("<p>{{ text }}</p>\n")
-    assert rendered(template, text="<b> &") == said
+    assert render_template(template, text="<b> &") == said
 
 
 def test_what_is_markdown_already_stays_as_it_is(tmp_path: Path) -> None:
     template = tmp_path / "page.md"
     template.write_text("{{ made }} {{ said }} {{ 3 }}")
-    assert rendered(template, made=Markdown("*a* `b`"), said="*a* `b`") == "*a* `b` &#42;a&#42; &#96;b&#96; 3"
+    assert (
+        render_template(template, made=Markdown("*a* `b`"), said="*a* `b`")
+        == "*a* `b` &#42;a&#42; &#96;b&#96; 3"
+    )
 
 
 def test_a_picture_in_a_page_is_whole(tmp_path: Path) -> None:
     template = tmp_path / "page.html"
     template.write_text('<img src="{{ picture }}">')
     picture = f"data:image/jpeg;base64,{'abcd' * 10**6}"
-    assert rendered(template, picture=picture) == f'<img src="{picture}">'
+    assert render_template(template, picture=picture) == f'<img src="{picture}">'
 
 
 @pytest.mark.parametrize("suffix", ["html", "md"])
@@ -36,7 +39,7 @@ def test_what_has_no_shape_is_on_no_page(tmp_path: Path, suffix: str) -> None:
     template = tmp_path / f"page.{suffix}"
     template.write_text("{{ text }}")
     assert (
-        rendered(template, text="a\x1b[2J\u202eb\x9b\ud800").encode("utf-8").decode()
+        render_template(template, text="a\x1b[2J\u202eb\x9b\ud800").encode("utf-8").decode()
         == "a\ufffd[2J\ufffdb" + "\ufffd" * 2
     )
 
@@ -44,10 +47,10 @@ def test_what_has_no_shape_is_on_no_page(tmp_path: Path, suffix: str) -> None:
 def test_a_template_includes_others_beside_it(tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text('{% include "style.css" %}')
     (tmp_path / "style.css").write_text("b { color: red }\n")
-    assert rendered(tmp_path / "page.html") == "b { color: red }\n"
+    assert render_template(tmp_path / "page.html") == "b { color: red }\n"
 
 
 def test_a_name_without_a_value_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text("{{ missing }}")
     with pytest.raises(UndefinedError, match="'missing' is undefined"):
-        rendered(tmp_path / "page.html")
+        render_template(tmp_path / "page.html")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import rf_exp
-from rf_exp.artifacts import code, commit
+from rf_exp.artifacts import code_version, commit
 
 
 @pytest.fixture
@@ -41,9 +41,9 @@ def test_no_commit_outside_of_a_checkout(checkout: Path, monkeypatch: pytest.Mon
 
 
 def test_code_is_named_by_its_commit_or_its_version(checkout: Path) -> None:
-    assert code(checkout) == commit(checkout) != ""
+    assert code_version(checkout) == commit(checkout) != ""
     (checkout / "site-packages").mkdir()
-    assert code(checkout / "site-packages") == f"rf_exp-{metadata.version('rf_exp')}"
+    assert code_version(checkout / "site-packages") == f"rf_exp-{metadata.version('rf_exp')}"
 
 
 @pytest.mark.slow

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.client import Contract, checked
-from rf_exp.envs.observations import space
+from rf_exp.client import Contract, validate_chunk
+from rf_exp.envs.observations import observation_space
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import Observations
 from rf_exp.tasks import Task
@@ -30,10 +30,10 @@ def test_what_the_client_knows_of_the_suite_is_so() -> None:
 
 def test_observations_are_described_as_the_environments_show_them(task: Task) -> None:
     for options in OPTIONS:
-        shown = space(Observations(**{"language": False, **options}), task)
+        shown = observation_space(Observations(**{"language": False, **options}), task)
         contract = Contract.of_task(task.name, **{"language": False, **options})
         assert contract.entries.keys() == shown.spaces.keys(), options
-        made = contract.made_up(3)
+        made = contract.synthetic_observation(3)
         for key, (shape, dtype, _) in contract.entries.items():
             assert shown[key].contains(made[key]), key
             if dtype != "str":
@@ -61,10 +61,10 @@ def test_any_number_of_arms_is_described() -> None:
 
 def test_both_shapes_of_a_chunk_are_one() -> None:
     chunk = np.random.default_rng(0).normal(size=(4, 3, 8))
-    np.testing.assert_array_equal(checked(chunk, 3), chunk)
-    np.testing.assert_array_equal(checked(chunk.reshape(4, 24).tolist(), 3), chunk)
+    np.testing.assert_array_equal(validate_chunk(chunk, 3), chunk)
+    np.testing.assert_array_equal(validate_chunk(chunk.reshape(4, 24).tolist(), 3), chunk)
     with pytest.raises(ValueError, match=r"shape \(4, 3, 8\); expected finite numbers \(T, 2, 8\)"):
-        checked(chunk, 2)
+        validate_chunk(chunk, 2)
 
 
 def test_a_task_of_the_suite_is_known_by_its_name() -> None:

@@ -57,7 +57,7 @@ def test_a_policy_is_served_as_the_suite_asks() -> None:
     with served(policy, checkpoint="a") as address:
         connection = Connection(address, 5, 5)
         connection.reset(7)
-        observation = Contract(2, width=8, height=6).made_up()
+        observation = Contract(2, width=8, height=6).synthetic_observation()
         chunk = connection.act(observation)
         connection.close()
     assert connection.metadata == {"checkpoint": "a"}
@@ -71,12 +71,12 @@ def test_who_remembers_is_told_of_each_episode_and_serves_one_at_a_time() -> Non
     policy = Remembers()
     with served(policy) as address:
         first = Connection(address, 5, 5)
-        with pytest.raises(ServerFailed, match="answers somebody else; ask with workers=1"):
+        with pytest.raises(ServerFailed, match="already serves another connection; use workers=1"):
             Connection(address, 5, 5)
         for seed in (3, 4):
             first.reset(seed)
             for _ in range(2):
-                first.act(CONTRACT.made_up())
+                first.act(CONTRACT.synthetic_observation())
         first.close()
         assert policy.seeds == [3, 4]
         check(address, CONTRACT)  # once the first has left
@@ -93,7 +93,7 @@ def test_each_connection_has_its_own_where_a_function_makes_them() -> None:
         both = [Connection(address, 5, 5) for _ in range(2)]
         for seed, connection in enumerate(both):
             connection.reset(seed)
-            connection.act(CONTRACT.made_up())
+            connection.act(CONTRACT.synthetic_observation())
         for connection in both:
             connection.close()
     assert sorted(each.seeds for each in made) == [[0], [1]]
@@ -103,7 +103,7 @@ def test_a_class_makes_a_policy_for_each_connection() -> None:
     with served(Remembers) as address:
         both = [Connection(address, 5, 5) for _ in range(2)]
         for connection in both:
-            assert connection.act(CONTRACT.made_up()).shape == (5, 2, 8)
+            assert connection.act(CONTRACT.synthetic_observation()).shape == (5, 2, 8)
             connection.close()
 
 
@@ -164,7 +164,7 @@ def gripped(value: float) -> Any:
         (scaled(180 / np.pi), r"agent 1: targets of joints \[2, 4, 6, 7\] are beyond .*\(degrees\?\)"),
         (scaled(0.01), r"agent 2: the first target of joint 6 is .* \(deltas\? targets are absolute\)"),
         (gripped(1.5), r"agent 1: its gripper is beyond \[-1 \(closed\), 1 \(open\)\], and clipped"),
-        (gripped(0.04), r"agent 2: its gripper is told 0.04 to 0.04, half open \(metres\?\)"),
+        (gripped(0.04), r"agent 2: its gripper commands are 0.04 to 0.04, half open \(metres\?\)"),
         (lambda chunk: flat(chunk)[:, ::-1], "agent 1: the first target of joint"),
     ],
 )  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import CheckCode, Monitor, RoboChecker, compile
+from rf_exp.constraints import CheckCode, Monitor, RoboChecker, compile_constraints
 from rf_exp.constraints.checker import LOST_STEPS, TRACKING_RAD
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
@@ -20,7 +20,7 @@ from rf_exp.statements import (
     Proposal,
     Step,
     Together,
-    understood,
+    read_or_unparsed,
 )
 from rf_exp.types import ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, walk
@@ -61,7 +61,7 @@ def monitored(checker: RoboChecker, trajectories, scene) -> Monitor:
 
 def test_check_code_prints_like_the_paper(food):
     _, _, proposal = food
-    code = compile(proposal.constraints, FOOD, proposal)
+    code = compile_constraints(proposal.constraints, FOOD, proposal)
     assert (
         repr(code)
         == str(code)
@@ -165,9 +165,9 @@ def test_violations_come_earliest_first_with_evidence(food):
 
 
 def test_text_that_is_not_understood():
-    said = (understood("Agent_1 must feel good.", FOOD.vocabulary, "logical", (1,)),)
+    said = (read_or_unparsed("Agent_1 must feel good.", FOOD.vocabulary, "logical", (1,)),)
     with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
-        compile(said, BAR, Proposal((), said))
+        compile_constraints(said, BAR, Proposal((), said))
     with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
         RoboChecker(BAR, Proposal((), said), FULL)
 

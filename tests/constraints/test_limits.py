@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import CheckedPlan, Plan, RoboChecker, slowed
+from rf_exp.constraints import CheckedPlan, Plan, RoboChecker, limit_speeds
 from rf_exp.constraints.checks.speed_limit import speeds_m_s
 from rf_exp.coordination import sequential
 from rf_exp.geometry import PlanningScene
@@ -121,9 +121,9 @@ def test_a_slow_agent_takes_its_time() -> None:
     checker, watched = checked("Agent_1 must not move faster than 0.1 m/s", BAR, scene, trajectories)
     found = watched.violations
     assert found and found[0].cause == "time" and "m/s" in found[0].sentence
-    assert checker.speeds_m_s == {1: 0.1}
+    assert checker.speed_limits_m_s == {1: 0.1}
     arms = PlanningScene(BAR, scene).arms
-    slow = slowed(trajectories, arms, checker.speeds_m_s)
+    slow = limit_speeds(trajectories, arms, checker.speed_limits_m_s)
     assert slow[1] is trajectories[1] or slow[1] == trajectories[1]
     assert len(slow[0]) > 2 * len(trajectories[0])
     assert 0.08 < speeds_m_s(arms[0], slow[0].path()).max() <= 0.1
@@ -143,7 +143,7 @@ def test_a_joint_motion_is_slow_together() -> None:
         ))
         for agent in (1, 2)
     ]  # fmt: skip
-    slow = slowed(both, PlanningScene(BAR, scene_of(BAR)).arms, {1: 0.03})
+    slow = limit_speeds(both, PlanningScene(BAR, scene_of(BAR)).arms, {1: 0.03})
     assert len(slow[0]) == len(slow[1]) > 40
     assert set(slow[0].segments[0].gripper) == {-1.0}
-    assert slowed(both, PlanningScene(BAR, scene_of(BAR)).arms, {}) == tuple(both)
+    assert limit_speeds(both, PlanningScene(BAR, scene_of(BAR)).arms, {}) == tuple(both)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from rf_exp.constraints import Paths, Plan
 from rf_exp.constraints.checks.direction import ORIENTATIONS, DirectionCheck
 from rf_exp.constraints.checks.interaction import ContactAtCheck, PlaceAtCheck
-from rf_exp.constraints.checks.same_height import SameHeightCheck, _carried
+from rf_exp.constraints.checks.same_height import SameHeightCheck, _first_carrying_span
 from rf_exp.coordination import schedule
 from rf_exp.findings import Finding
 from rf_exp.transforms import transform
@@ -247,7 +247,7 @@ def test_the_height_is_that_of_what_they_carry_together():
     assert isinstance(timed, Schedule)
     plan = Plan(paths, timed)
     for agent, begin in ((1, 21), (2, 0)):
-        assert _carried(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
+        assert _first_carrying_span(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
     late = timed.positions.copy()
     late[:, 1] = np.clip(np.arange(len(late)) - 21, 0, 20)  # Agent_2 lifts when Agent_1 does
     evidence = SameHeightCheck((1, 2)).planned(Plan(plan.paths, Schedule(late, 41)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, PolicyMonitor, touching
+from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, PolicyMonitor, contact_evidence
 from rf_exp.constraints.checks.avoidance import AvoidObjectsCheck
 from rf_exp.constraints.checks.keep_out import KeepOutCheck
 from rf_exp.constraints.checks.share_space import ShareSpaceCheck
@@ -181,7 +181,7 @@ def test_the_monitor_of_policies_sees_force_and_overlap():
 def touch(task, scene, may_touch=None):
     """What the monitor says of the two arms in a scene that it sees for the first time."""
     touches = (may_touch or dict.fromkeys(task.agents, frozenset())).__getitem__
-    return touching(Separation(task), scene, ((1, 2),), touches)
+    return contact_evidence(Separation(task), scene, ((1, 2),), touches)
 
 
 def test_touching_agrees_with_the_exact_distance():

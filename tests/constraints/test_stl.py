@@ -8,16 +8,23 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import Check, Paths, Plan, RoboChecker, checked_kinds, compiled
+from rf_exp.constraints import Check, Paths, Plan, RoboChecker, checked_kinds, compile_statement
 from rf_exp.constraints.checks.avoidance import AvoidObjectsCheck
 from rf_exp.constraints.checks.direction import ANGLE_MEASURED_DEG
 from rf_exp.constraints.checks.interaction import POSITION_MEASURED_M
 from rf_exp.constraints.checks.keep_level import MEASURED_DEG
-from rf_exp.constraints.checks.speed_limit import MEASURED_SPEED
-from rf_exp.constraints.plan import MEASURED_M
-from rf_exp.constraints.stl import VOID, Execution, evaluated, judged, kept, signals
+from rf_exp.constraints.checks.speed_limit import MEASUREMENT_FACTOR
+from rf_exp.constraints.plan import MEASUREMENT_TOLERANCE_M
+from rf_exp.constraints.stl import (
+    MAX_MARGIN,
+    Execution,
+    evaluate_check,
+    evaluate_formula,
+    monitor_verdict,
+    signals,
+)
 from rf_exp.coordination import sequential
-from rf_exp.datagen import EpisodeMaker, Planned, Settings, Trace
+from rf_exp.datagen import EpisodeGenerator, Planned, Settings, Trace
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import lowest_m
@@ -58,20 +65,20 @@ def episodes() -> dict[str, list[Executed]]:
         task, trace = real(name), Trace()
         settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
         world = shared_simulator(task, NO_PICTURES)
-        assert EpisodeMaker(settings, world, settings.make_brain(0), trace).make(0).success
+        assert EpisodeGenerator(settings, world, settings.make_brain(0), trace).make(0).success
         found[name] = trace.executions()
     return found
 
 
 def agreed(execution: Execution, check: Check) -> bool:
     """The verdict on which both agree."""
-    found = all(each.holds for each in judged(execution, check))
-    assert found == kept(execution, check), (check, judged(execution, check))
+    found = all(each.holds for each in evaluate_check(execution, check))
+    assert found == monitor_verdict(execution, check), (check, evaluate_check(execution, check))
     return found
 
 
 def check_for(made: Planned, execution: Execution, stated: Statement) -> Check:
-    return compiled(stated, execution.plan.task, made.proposal)
+    return compile_statement(stated, execution.plan.task, made.proposal)
 
 
 @pytest.mark.slow
@@ -83,7 +90,7 @@ def test_on_a_real_episode_both_agree_on_every_check(episodes, name):
         assert times == list(range(times[0], times[0] + len(execution)))
         assert times[0] == execution.plan.scene.step + 1
         forms = [check.stl(execution.plan.task) for check in made.checked.checks]
-        said = {(signal.name, signal.how) for form in forms for signal in form.signals}
+        said = {(signal.name, signal.description) for form in forms for signal in form.signals}
         assert len(said) == len(signals(execution, made.checked.checks))  # the same name is the same number
 
 
@@ -96,13 +103,13 @@ def test_what_is_left_of_a_clearance_is_what_the_plan_had_less_its_bound(episode
         for check, evidence in zip(made.checked.checks, made.checked.evidence, strict=True):
             if not isinstance(check, AvoidObjectsCheck):
                 continue
-            things, table = judged(execution, check)
+            things, table = evaluate_check(execution, check)
             low_m = [
                 lowest_m(execution.plan.paths.swept[agent - 1])[execution.positions(agent)].min()
                 for agent in check.agents
             ]
             assert table.robustness == pytest.approx(min(low_m), abs=1e-9)
-            if things.judged:
+            if things.applies:
                 left_m = evidence.value - evidence.bound  # with the beginning, and what was not carried out
                 assert things.robustness >= left_m - 1e-9
                 if evidence.time_s <= execution.plan.begins_s + execution.clock_s[-1]:
@@ -113,12 +120,17 @@ def test_what_is_left_of_a_clearance_is_what_the_plan_had_less_its_bound(episode
 
 # statement, field of its check, bound of the field for a worst value, unit steps beyond the boundary
 LIMITS: list[tuple[str, Statement, str, Any]] = [
-    ("lift_barrier", KeepApart((1, 2), 0.1), "at_least_m", lambda value: value + MEASURED_M),
-    ("lift_barrier", KeepApart((1, 2), 0.1, "arms"), "at_least_m", lambda value: value + MEASURED_M),
+    ("lift_barrier", KeepApart((1, 2), 0.1), "at_least_m", lambda value: value + MEASUREMENT_TOLERANCE_M),
+    (
+        "lift_barrier",
+        KeepApart((1, 2), 0.1, "arms"),
+        "at_least_m",
+        lambda value: value + MEASUREMENT_TOLERANCE_M,
+    ),
     ("lift_barrier", KeepLevel("barrier"), "within_deg", lambda value: value - MEASURED_DEG),
-    ("lift_barrier", KeepHeight(1, 0.3), "limit_m", lambda value: value - MEASURED_M),
-    ("lift_barrier", KeepHeight(1, 0.3, "above"), "limit_m", lambda value: value + MEASURED_M),
-    ("lift_barrier", SpeedLimit(2, 0.3), "at_most_m_s", lambda value: value / MEASURED_SPEED),
+    ("lift_barrier", KeepHeight(1, 0.3), "limit_m", lambda value: value - MEASUREMENT_TOLERANCE_M),
+    ("lift_barrier", KeepHeight(1, 0.3, "above"), "limit_m", lambda value: value + MEASUREMENT_TOLERANCE_M),
+    ("lift_barrier", SpeedLimit(2, 0.3), "at_most_m_s", lambda value: value / MEASUREMENT_FACTOR),
     ("lift_barrier", Together((1, 2)), "within_s", lambda value: value),
     ("lift_barrier", Deadline(Step(1, "grasp", "barrier"), 5.0), "within_s", lambda value: value),
     ("place_food", Before(Step(2, "lift", "lid"), Step(1, "place", "steak")), "wait_s", lambda value: value),
@@ -142,7 +154,7 @@ def test_a_limit_is_judged_alike_at_below_and_above_what_was_measured(episodes, 
     agreed(execution, replace(check, **{field: at}))
     assert agreed(execution, replace(check, **{field: at + inside}))
     assert not agreed(execution, replace(check, **{field: at + outside}))
-    robust = judged(execution, replace(check, **{field: at + inside}))
+    robust = evaluate_check(execution, replace(check, **{field: at + inside}))
     assert robust[0].robustness == pytest.approx(1e-6, rel=0.5)
 
 
@@ -187,7 +199,7 @@ def test_how_the_gripper_meets_an_object(episodes, turn_deg):
 def test_several_that_raise_one_thing(episodes):
     made, execution = episodes["lift_barrier"][-1]
     check = check_for(made, execution, SameHeight((1, 2)))
-    assert agreed(execution, check) and judged(execution, check)[0].judged
+    assert agreed(execution, check) and evaluate_check(execution, check)[0].applies
     bent = changed(execution, qpos=lambda scene: scene.qpos + np.eye(2, 1) @ np.eye(1, 9, 3) * 0.1)
     assert not agreed(bent, check)
 
@@ -195,7 +207,7 @@ def test_several_that_raise_one_thing(episodes):
 def test_what_is_put_down(episodes):
     made, execution = episodes["place_food"][0]
     check = check_for(made, execution, PlaceAt(1, "steak", "pot", "inside"))
-    assert agreed(execution, check) and judged(execution, check)[0].judged
+    assert agreed(execution, check) and evaluate_check(execution, check)[0].applies
     paths = execution.plan.paths
     poses = {**paths.scene.poses, "pot": transform((0.2, 0, 0)) @ paths.scene.poses["pot"]}
     elsewhere = Paths(paths.task, paths.constraint_set, replace(paths.scene, poses=poses), paths.trajectories)
@@ -229,14 +241,16 @@ def reaching(goal: NDArray[np.float64], *agents: int) -> Execution:
 )
 def test_arms_that_touch(agents, force_n, holds):
     execution = changed(reaching(REACHING, *agents), arm_contacts=((2, 1, force_n),))
-    check = compiled(AvoidAgents((1, 2)), execution.plan.task, Proposal((), ()))
+    check = compile_statement(AvoidAgents((1, 2)), execution.plan.task, Proposal((), ()))
     assert agreed(execution, check) == holds
 
 
 @pytest.mark.parametrize(("agents", "holds"), [((), True), ((1,), False)])
 def test_an_arm_that_comes_too_near_to_things(agents, holds):
     execution = reaching(DOWN, *agents)
-    assert agreed(execution, compiled(AvoidObjects(1), execution.plan.task, Proposal((), ()))) == holds
+    assert (
+        agreed(execution, compile_statement(AvoidObjects(1), execution.plan.task, Proposal((), ()))) == holds
+    )
 
 
 @pytest.mark.parametrize(
@@ -252,13 +266,13 @@ def test_an_arm_that_comes_too_near_to_things(agents, holds):
 def test_a_zone(low_m, more, holds):
     execution = reaching(ACROSS, 1)
     zone = KeepOut(1, low_m, tuple(side + 0.4 for side in low_m), **more)
-    assert agreed(execution, compiled(zone, execution.plan.task, Proposal((), ()))) == holds
+    assert agreed(execution, compile_statement(zone, execution.plan.task, Proposal((), ()))) == holds
 
 
 def test_a_permission_says_that_it_has_no_formula(episodes):
     made, execution = episodes["place_food"][0]
     form = check_for(made, execution, ShareSpace((1, 2))).stl(execution.plan.task)
-    assert not form.formulas and "permission" in form.silent
+    assert not form.formulas and "permission" in form.no_formulas_reason
 
 
 def test_every_kind_of_statement_has_a_form_and_a_case_here(episodes):
@@ -280,15 +294,18 @@ def test_every_kind_of_statement_has_a_form_and_a_case_here(episodes):
     ],
 )
 def test_robustness_is_the_least_margin(text, expected):
-    assert evaluated(text, {"x": [0.03, 0.01, 0.02], "g": [-VOID, VOID, -VOID]}) == expected
-    once = evaluated(text, {"x": [0.03], "g": [-VOID]})
-    assert once == evaluated(text, {"x": [0.03, 0.03], "g": [-VOID, -VOID]})
+    assert (
+        evaluate_formula(text, {"x": [0.03, 0.01, 0.02], "g": [-MAX_MARGIN, MAX_MARGIN, -MAX_MARGIN]})
+        == expected
+    )
+    once = evaluate_formula(text, {"x": [0.03], "g": [-MAX_MARGIN]})
+    assert once == evaluate_formula(text, {"x": [0.03, 0.03], "g": [-MAX_MARGIN, -MAX_MARGIN]})
 
 
 def test_without_rtamt_it_is_said_what_to_install(monkeypatch):
     monkeypatch.setattr("rf_exp.constraints.stl.find_spec", lambda name: None)
     with pytest.raises(ArgumentError, match=r"pip install 'rf_exp\[stl\]'"):
-        evaluated("always(x <= 1)", {"x": [0.0, 0.0]})
+        evaluate_formula("always(x <= 1)", {"x": [0.0, 0.0]})
 
 
 def test_nothing_that_was_carried_out_is_judged_to_hold(episodes):

@@ -7,7 +7,7 @@ from rf_exp.constraints.checks.before import BeforeCheck
 from rf_exp.constraints.checks.deadline import DeadlineCheck
 from rf_exp.constraints.checks.together import TogetherCheck
 from rf_exp.constraints.phases import span
-from rf_exp.coordination import Delays, actions, intended, schedule, sequential
+from rf_exp.coordination import Delays, intended_actions, schedule, scheduled_actions, sequential
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
@@ -103,7 +103,7 @@ def test_who_pauses_hesitates_unless_another_is_in_the_way():
     moves(timed, trajectories)
     assert np.flatnonzero(timed.hesitates[:, 0]).tolist() == list(range(11, 18))
     assert not timed.hesitates[:, 1].any()
-    done, meant = actions(trajectories, timed), intended(trajectories, timed)
+    done, meant = scheduled_actions(trajectories, timed), intended_actions(trajectories, timed)
     np.testing.assert_array_equal(done[10:17, 0], np.tile(trajectories[0].path()[10], (7, 1)))
     np.testing.assert_array_equal(meant[10:16, 0], np.tile(trajectories[0].path()[11], (6, 1)))
     np.testing.assert_array_equal(meant[16, 0], done[16, 0])  # what follows begins at rest
@@ -132,7 +132,7 @@ def test_what_is_meant_keeps_the_limits_where_an_agent_hesitates(pause):
     timed = schedule(trajectories, delays=Delays(0, {(1, len(segments[0])): pause}))
     assert isinstance(timed, Schedule) and timed.hesitates is not None
     assert timed.hesitates.sum() == pause
-    meant = intended(trajectories, timed)[:, 0, :7]
+    meant = intended_actions(trajectories, timed)[:, 0, :7]
     velocity = np.diff(meant, axis=0, prepend=np.zeros((1, 7))) / CONTROL_DT_S
     acceleration = np.diff(velocity, axis=0, prepend=np.zeros((1, 7))) / CONTROL_DT_S
     assert np.abs(velocity).max() <= 1.002 * limits.velocity_rad_s
@@ -364,7 +364,7 @@ def test_serial_lets_those_make_room_first_whom_the_plan_does_not_name():
 def test_actions_are_the_next_row_of_each_path():
     trajectories = pair((3,), (5, 2))
     timed = found(trajectories)
-    commands = actions(trajectories, timed)
+    commands = scheduled_actions(trajectories, timed)
     assert commands.shape == (7, 2, 8)
     for k, trajectory in enumerate(trajectories):
         assert (commands[:, k] == trajectory.path()[timed.positions[1:, k]]).all()

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from rf_exp.coordination.search import (
     UNREACHABLE,
-    Found,
-    Impossible,
+    Infeasible,
     Problem,
-    blocked_region,
-    remaining,
+    Solution,
+    farthest_reachable,
     solve,
+    steps_to_go,
 )
 
 
@@ -85,9 +85,9 @@ def check_moves(problem: Problem, positions) -> None:
 def test_the_makespan_is_that_of_breadth_first_search(problem):
     expected, answer = brute_force(problem), solve(problem)
     if expected is None:
-        assert isinstance(answer, Impossible) and answer.proven
+        assert isinstance(answer, Infeasible) and answer.proven
         return
-    assert isinstance(answer, Found)
+    assert isinstance(answer, Solution)
     check_moves(problem, answer.positions)
     assert len(answer.positions) - 1 == expected == answer.bound
 
@@ -96,8 +96,8 @@ def test_the_makespan_is_that_of_breadth_first_search(problem):
 @given(problems(most_agents=5, longest=4))
 def test_larger_teams_are_solved_as_exactly(problem):
     expected, answer = brute_force(problem), solve(problem)
-    assert (expected is None) == isinstance(answer, Impossible)
-    if isinstance(answer, Found):
+    assert (expected is None) == isinstance(answer, Infeasible)
+    if isinstance(answer, Solution):
         check_moves(problem, answer.positions)
         assert len(answer.positions) - 1 == expected == answer.bound
 
@@ -106,7 +106,7 @@ def test_larger_teams_are_solved_as_exactly(problem):
 @given(problems(most_agents=4, longest=4), st.integers(0, 3))
 def test_a_small_budget_keeps_the_bound_and_the_rules(problem, budget):
     expected, answer = brute_force(problem), solve(problem, budget)
-    if isinstance(answer, Found):
+    if isinstance(answer, Solution):
         assert expected is not None
         check_moves(problem, answer.positions)
         assert answer.bound <= expected <= len(answer.positions) - 1
@@ -118,7 +118,7 @@ def test_a_small_budget_keeps_the_bound_and_the_rules(problem, budget):
 @given(problems(most_agents=2))
 def test_the_table_of_two_agents_says_what_is_left(problem):
     problem = Problem(problem.knots, problem.lengths, problem.diagrams)
-    table = remaining(problem.diagrams[0, 1], *problem.knots)
+    table = steps_to_go(problem.diagrams[0, 1], *problem.knots)
     expected = brute_force(problem)
     assert table[0, 0] == (UNREACHABLE if expected is None else expected)
 
@@ -132,7 +132,7 @@ def test_four_agents_through_one_gap():
     pairs = {(i, j): diagram for i in range(4) for j in range(i + 1, 4)}
     problem = Problem((knots,) * 4, (length,) * 4, pairs)
     answer = solve(problem)
-    assert isinstance(answer, Found)
+    assert isinstance(answer, Solution)
     check_moves(problem, answer.positions)
     # each next one leaves the knot before the middle a step before the last one has left the middle
     assert answer.bound == len(answer.positions) - 1 == length + 3 * (third - 1)
@@ -150,7 +150,7 @@ def test_many_stops_and_obstacles_are_solved_to_proven_optimality():
                 pairs[i, j][row : row + 30, column : column + 30] = True
     problem = Problem((knots,) * 4, (length,) * 4, pairs)
     answer = solve(problem)
-    assert isinstance(answer, Found)
+    assert isinstance(answer, Solution)
     check_moves(problem, answer.positions)
     assert answer.bound == len(answer.positions) - 1 > length
 
@@ -159,11 +159,11 @@ def test_the_pair_to_blame_is_named():
     wall = np.zeros((5, 5), dtype=bool)
     wall[2, :] = True
     knots = (frozenset({0, 4}),) * 3
-    assert solve(Problem(knots, (4, 4, 4), {(0, 2): wall})) == Impossible((0, 2), proven=True)
+    assert solve(Problem(knots, (4, 4, 4), {(0, 2): wall})) == Infeasible((0, 2), proven=True)
 
 
 def test_the_blocked_region_is_where_both_are_stuck():
     wall = np.zeros((6, 6), dtype=bool)
     wall[3, :] = True
-    assert blocked_region(wall, [0, 2, 5], [0, 5]) == (2, 5)
-    assert blocked_region(~np.eye(6, dtype=bool), [0, 5], [0, 5]) == (5, 5)
+    assert farthest_reachable(wall, [0, 2, 5], [0, 5]) == (2, 5)
+    assert farthest_reachable(~np.eye(6, dtype=bool), [0, 5], [0, 5]) == (5, 5)

@@ -16,8 +16,8 @@ import pytest
 import zarr
 from numpy.typing import NDArray
 
+from rf_exp.data.importing.importer import open_source
 from rf_exp.data.importing.source import Source
-from rf_exp.data.importing.taking import opened
 from rf_exp.data.release import within_limits
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import flaws
@@ -310,7 +310,7 @@ def test_what_was_changed_is_refused_or_read_as_it_is(tmp_path: Path, kind: str,
         path = tmp_path / "changed" / whole.name
         CHANGES[change](path, np.random.default_rng([seed, KINDS.index(kind), list(CHANGES).index(change)]))
         try:
-            source = opened([path], "lift_barrier")
+            source = open_source([path], "lift_barrier")
             try:
                 episodes = [source.episode(index) for index in range(len(source.contents.seeds))]
             finally:
@@ -336,4 +336,4 @@ def test_a_file_that_was_cut_is_refused_whatever_lies_behind_it_in_memory(
     file.write_bytes(whole[:bytes_kept])
     told = f"data/head_camera: the file data/head_camera/0.0.0.0 has {bytes_kept} bytes, and says"
     with pytest.raises(StageError, match=re.escape(told)):
-        opened([path], "lift_barrier")
+        open_source([path], "lift_barrier")

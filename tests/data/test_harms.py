@@ -10,7 +10,7 @@ import pytest
 import zarr
 from numpy.typing import NDArray
 
-from rf_exp.data.doctor import harms
+from rf_exp.data.doctor import find_problems
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
@@ -115,7 +115,7 @@ BROKEN: dict[str, tuple[Broken, str]] = {
     ),
     "stuck fingers": (
         each(set_at("qpos", (..., 0, slice(7, 9)), 0.04)),
-        "agent 1: its gripper is told to move, and its fingers never do",
+        "agent 1: its gripper is commanded to move, but its fingers never do",
     ),
     "a jump": (
         one(set_at("qpos", (20, 0, 2), 2.5)),
@@ -127,15 +127,15 @@ BROKEN: dict[str, tuple[Broken, str]] = {
     "an episode that was cut": (one(cut), "episode 2 (seed 2): it has 6 steps, where 60 are usual"),
     "an episode twice": (
         lambda episodes: [*episodes, replace(episodes[1], seed=99)],
-        "episode 5 (seed 99): it is episode 1 once more",
+        "episode 5 (seed 99): it is a duplicate of episode 1",
     ),
     "commands of the other arm": (
         each(lambda episode: replace(episode, action=1.0 + 2 * episode.action[:, ::-1])),
-        "agent 1: half of the time 7 of its joints are far from where they were told to go",
+        "agent 1: half of the time 7 of its joints are far from their commands",
     ),
     "a thing that never moves": (
         each(lambda episode: replace(episode, poses={"barrier": 0 * episode.poses["barrier"] + 1})),
-        "barrier: no thing ever moves",
+        "barrier: no object ever moves",
     ),
     "a dark camera": (
         seen(lambda images: {"global": images["global"] // 40}),
@@ -147,8 +147,7 @@ BROKEN: dict[str, tuple[Broken, str]] = {
     ),
     "a frozen camera": (
         one(frozen),
-        "camera global: its pictures never change in 1 of 5 episodes that were looked at, "
-        "the first of them 2",
+        "camera global: its pictures never change in 1 of 5 episodes that were examined, the first of them 2",
     ),
     "cameras that are one": (
         seen(lambda images: {"agent2": images["agent1"]}),
@@ -161,14 +160,14 @@ def test_a_healthy_store_is_silent(tmp_path: Path, data_command: Command) -> Non
     path = stored(tmp_path / "s.zarr", [healthy(seed) for seed in range(EPISODES)])
     code, told, complained = data_command("doctor", path, "--reference", path)
     assert (code, complained) == (0, "")
-    assert "nothing is found that would harm who learns from it" in told.replace("\n", " ")
+    assert "no problems for training were found" in told.replace("\n", " ")
 
 
 @pytest.mark.parametrize("harm", BROKEN)
 def test_each_harm_is_found_where_it_is(harm: str, tmp_path: Path) -> None:
     breaks, message = BROKEN[harm]
     path = stored(tmp_path / "s.zarr", breaks([healthy(seed) for seed in range(EPISODES)]))
-    found = [str(each) for each in harms(Store.open(path))]
+    found = [str(each) for each in find_problems(Store.open(path))]
     assert any(message in each for each in found), found
     assert len(found) <= 2, found
 
@@ -178,7 +177,7 @@ def test_what_is_no_number_is_found(tmp_path: Path) -> None:
     path = stored(tmp_path / "s.zarr", [healthy(seed) for seed in range(EPISODES)])
     array: Any = zarr.open_group(path, mode="r+")["data/qvel"]
     array[2 * STEPS + 7, 1, 3] = np.nan
-    (found,) = map(str, harms(Store.open(path)))
+    (found,) = map(str, find_problems(Store.open(path)))
     assert found.startswith(
         "episode 2 (seed 2), step 7: qvel is not finite in 1 steps, this the first; no policy"
     )
@@ -190,7 +189,7 @@ def test_pictures_that_are_darker_than_a_reference_s_are_found(tmp_path: Path, d
     darker = seen(lambda images: {"agent1": (images["agent1"] * 0.9).astype(np.uint8)})
     path = stored(tmp_path / "dark.zarr", darker(episodes))
     code, told, complained = data_command("doctor", path, "--reference", reference)
-    assert code == 1 and "in 1 of 1 stores something will harm who learns from it" in complained
+    assert code == 1 and "1 of 1 stores have problems that will harm training" in complained
     assert "camera agent1: its pictures are 10% darker than those of reference.zarr" in told.replace(
         "\n", " "
     )

@@ -7,7 +7,7 @@ import pytest
 from rf_exp.data.importing import import_demonstrations
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy import MODEL, train, views
-from rf_exp.stages.cell import continued
+from rf_exp.stages.cell import open_or_create
 from rf_exp.store import Store
 from rf_exp.tasks import Task, stored_task
 from tests.conftest import cell_of, experiment
@@ -58,7 +58,7 @@ def test_our_recipe_learns_from_raw_trajectories(tmp_path: Path) -> None:
 
 def test_our_recipe_says_what_a_replay_buffer_lacks(tmp_path: Path) -> None:
     store = imported(tmp_path, "zarr")
-    with pytest.raises(ArgumentError, match=r"does not say where its arms stand; .*learn with policy=paper"):
+    with pytest.raises(ArgumentError, match=r"does not record the base poses of its arms; .*policy=paper"):
         learn(store, tmp_path / "policy", *FAST)
 
 
@@ -67,4 +67,4 @@ def test_scenes_of_others_are_not_made_again(tmp_path: Path, lift_barrier: Task)
     with pytest.raises(ArgumentError, match="the store was imported: its scenes are somebody else's"):
         stored_task(store.identity)
     with pytest.raises(StageError, match="was imported: its scenes cannot be made again"):
-        continued(tmp_path / "t.zarr", {}, store, lift_barrier, None)
+        open_or_create(tmp_path / "t.zarr", {}, store, lift_barrier, None)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.datagen import Planned, Planner, Settings, allocated
+from rf_exp.datagen import Planned, Planner, Settings, allocate_jobs
 from rf_exp.datagen.brain import BadAnswer, Question, ScriptedSpec, from_json, to_json
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Finding, Violation
 from rf_exp.statements import Before, ContactAt, Proposal, Step, grasping, keep_clear, read
 from rf_exp.tasks import Task, default_of, named_task
-from rf_exp.types import ANYBODY, ConstraintSet, JointLimits, Scene, Subgoal
+from rf_exp.types import ANY_AGENT, ConstraintSet, JointLimits, Scene, Subgoal
 from tests.scenes import start_scene
 
 LIMITS = JointLimits(**default_of("limits"))
@@ -46,7 +46,7 @@ def test_an_answer_may_leave_open_who_does_a_job() -> None:
     ],
 )
 def test_sentences_about_anybody_are_read(text: str) -> None:
-    assert read(text, pool().vocabulary) == ContactAt(ANYBODY, "grasp", "cube1", "center")
+    assert read(text, pool().vocabulary) == ContactAt(ANY_AGENT, "grasp", "cube1", "center")
 
 
 def test_an_agent_that_is_counted_from_zero_is_not_anybody() -> None:
@@ -57,23 +57,23 @@ def test_an_agent_that_is_counted_from_zero_is_not_anybody() -> None:
 def test_everything_gets_an_agent_and_constraints_follow() -> None:
     task = pool()
     scene = start_scene(task, 0)
-    found = allocated(task.module.plan(scene, task), task, scene, LIMITS)
+    found = allocate_jobs(task.module.plan(scene, task), task, scene, LIMITS)
     who = {each.object: each.agent for each in found.subgoals}
     assert set(who.values()) == set(task.agents) and len(who) == 4
     assert all(who[each.object] == each.agent for each in found.subgoals)
     stated = {each for each in found.constraints if isinstance(each, ContactAt)}
     assert stated == {ContactAt(agent, "grasp", str(name), "center") for name, agent in who.items()}
-    assert allocated(found, task, scene, LIMITS) == found
+    assert allocate_jobs(found, task, scene, LIMITS) == found
 
 
 def test_who_has_more_to_do_is_given_less() -> None:
     """Of two arms that could do a job the one that has been told another does not get it."""
     task = pool()
     scene = start_scene(task, 0)
-    alone = allocated(Proposal(fetched(ANYBODY, "cube1", "goal1"), ()), task, scene, LIMITS)
+    alone = allocate_jobs(Proposal(fetched(ANY_AGENT, "cube1", "goal1"), ()), task, scene, LIMITS)
     near = alone.subgoals[0].agent
-    busy = (*fetched(near, "cube4", "goal4"), *fetched(ANYBODY, "cube1", "goal1"))
-    other = allocated(Proposal(busy, ()), task, scene, LIMITS)
+    busy = (*fetched(near, "cube4", "goal4"), *fetched(ANY_AGENT, "cube1", "goal1"))
+    other = allocate_jobs(Proposal(busy, ()), task, scene, LIMITS)
     assert {each.agent for each in other.subgoals if each.object == "cube1"} != {near}
 
 
@@ -81,9 +81,9 @@ def test_an_order_of_what_one_agent_does_is_no_constraint() -> None:
     """One that is kept by the agents it falls to stays, with them."""
     task = pool()
     scene = start_scene(task, 0)
-    subgoals = (*fetched(ANYBODY, "cube1", "goal1"), *fetched(ANYBODY, "cube2", "goal2"))
-    order = Before(Step(ANYBODY, "place", "cube1"), Step(ANYBODY, "place", "cube2"))
-    found = allocated(Proposal(subgoals, (order,)), task, scene, LIMITS)
+    subgoals = (*fetched(ANY_AGENT, "cube1", "goal1"), *fetched(ANY_AGENT, "cube2", "goal2"))
+    order = Before(Step(ANY_AGENT, "place", "cube1"), Step(ANY_AGENT, "place", "cube2"))
+    found = allocate_jobs(Proposal(subgoals, (order,)), task, scene, LIMITS)
     first, second = (found.subgoals[k].agent for k in (0, 2))
     assert first != second
     assert found.constraints == (Before(Step(first, "place", "cube1"), Step(second, "place", "cube2")),)
@@ -93,24 +93,24 @@ def test_an_order_of_what_one_agent_does_is_no_constraint() -> None:
     ("subgoals", "constraints", "message"),
     [
         (
-            (Subgoal(ANYBODY, "place", "cube1", target="goal1"),),
+            (Subgoal(ANY_AGENT, "place", "cube1", target="goal1"),),
             (),
             "anybody cannot place cube1 to goal1: what anybody may do begins with grasp or press; say which "
             "agent goes on with cube1",
         ),
         (
-            (Subgoal(ANYBODY, "home"),),
+            (Subgoal(ANY_AGENT, "home"),),
             (),
             "anybody cannot home: what anybody may do begins with grasp or press; say which agent goes on",
         ),
         (
-            fetched(ANYBODY, "cube1", "goal1"),
-            (ContactAt(ANYBODY, "grasp", "cube2", "center"),),
+            fetched(ANY_AGENT, "cube1", "goal1"),
+            (ContactAt(ANY_AGENT, "grasp", "cube2", "center"),),
             "constraint 'Anybody must grasp cube2 at its center point.': it is about anybody, and no agent",
         ),
         (
             fetched(1, "cube1", "goal1"),
-            (ContactAt(ANYBODY, "grasp", "cube2", "center"),),
+            (ContactAt(ANY_AGENT, "grasp", "cube2", "center"),),
             "is about anybody, but the plan says who does what; name the agent",
         ),
     ],
@@ -118,7 +118,7 @@ def test_an_order_of_what_one_agent_does_is_no_constraint() -> None:
 def test_what_cannot_be_left_open(subgoals, constraints, message) -> None:
     task = pool()
     with pytest.raises(BadAnswer) as error:
-        allocated(Proposal(subgoals, constraints), task, start_scene(task, 0), LIMITS)
+        allocate_jobs(Proposal(subgoals, constraints), task, start_scene(task, 0), LIMITS)
     assert message in str(error.value)
 
 
@@ -140,7 +140,7 @@ def test_a_job_that_nobody_can_reach_is_a_violation_that_says_so() -> None:
     far = scene.poses["cube1"].copy()
     far[:2, 3] = (1.3, 1.3)
     scene = replace(scene, poses={**scene.poses, "cube1": far})
-    found = planned(scene, Proposal(fetched(ANYBODY, "cube1", "goal1"), ()))
+    found = planned(scene, Proposal(fetched(ANY_AGENT, "cube1", "goal1"), ()))
     assert isinstance(found, Violation) and found.finding is Finding.NOBODY
     assert found.sentence == (
         "none of [Agent_1, Agent_2, Agent_3] can grasp cube1 at center and place cube1 to goal1: out of reach"
@@ -151,7 +151,7 @@ def test_a_job_that_nobody_can_reach_is_a_violation_that_says_so() -> None:
 def test_what_is_planned_names_those_who_were_chosen() -> None:
     task = pool()
     scene = start_scene(task, 0)
-    jobs = (*fetched(ANYBODY, "cube1", "goal1"), *fetched(ANYBODY, "cube2", "goal2"))
+    jobs = (*fetched(ANY_AGENT, "cube1", "goal1"), *fetched(ANY_AGENT, "cube2", "goal2"))
     found = planned(scene, Proposal(jobs, (*grasping(jobs), *keep_clear(task.agents))))
     assert isinstance(found, Planned)
     assert {each.agent for each in found.proposal.subgoals} <= set(task.agents)

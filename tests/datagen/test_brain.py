@@ -24,7 +24,7 @@ from rf_exp.datagen.brain import (
     read_brain,
     to_json,
 )
-from rf_exp.datagen.brain.protocol import most_subgoals
+from rf_exp.datagen.brain.protocol import max_subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.secrets import refuse_keys
 from rf_exp.statements import Deadline, Proposal, Step, read_subgoal
@@ -39,7 +39,9 @@ def test_scripted_plan_survives_the_round_trip(task):
     text = ScriptedBrain().answer(Question(task, scene, {}))
     proposal, plan = from_json(text, task), task.module.plan(scene, task)
     # The paper's JSON lists subgoals by agent and constraints by kind; within each the order is kept.
-    assert [proposal.of(agent) for agent in task.agents] == [plan.of(agent) for agent in task.agents]
+    assert [proposal.subgoals_of(agent) for agent in task.agents] == [
+        plan.subgoals_of(agent) for agent in task.agents
+    ]
     for kind in ("logical", "temporal", "spatial"):
         assert [c for c in proposal.constraints if c.kind == kind] == [
             c for c in plan.constraints if c.kind == kind
@@ -152,11 +154,11 @@ def test_the_answer_is_found_in_what_models_write(way, lift_barrier):
 def test_an_agent_has_as_many_subgoals_as_the_task_has_use_for(task):
     """Scripted plans are far below the limit; one more than it is refused."""
     plan = task.module.plan(start_scene(task, 0), task)
-    most = most_subgoals(task)
-    assert max(len(plan.of(agent)) for agent in task.agents) <= most / 2
-    line = "; ".join(("home", "aside")[k % 2] for k in range(most))
-    assert len(from_json(json.dumps({"Subgoals": {"Agent_1": line}}), task).subgoals) == most
-    with pytest.raises(BadAnswer, match=f"Agent_1 has {most + 1} subgoals"):
+    max_count = max_subgoals(task)
+    assert max(len(plan.subgoals_of(agent)) for agent in task.agents) <= max_count / 2
+    line = "; ".join(("home", "aside")[k % 2] for k in range(max_count))
+    assert len(from_json(json.dumps({"Subgoals": {"Agent_1": line}}), task).subgoals) == max_count
+    with pytest.raises(BadAnswer, match=f"Agent_1 has {max_count + 1} subgoals"):
         from_json(json.dumps({"Subgoals": {"Agent_1": f"{line}; hold"}}), task)
 
 

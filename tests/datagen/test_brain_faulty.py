@@ -5,12 +5,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, make_episode
-from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, applies, faults_for, from_json
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Settings, make_episode
+from rf_exp.datagen.brain import (
+    FAULTS,
+    FaultyBrain,
+    FaultySpec,
+    Question,
+    fault_applies,
+    faults_for,
+    from_json,
+)
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName
 from rf_exp.sim import Simulator
-from rf_exp.statements import Before, Unread, read
+from rf_exp.statements import Before, UnparsedStatement, read
 from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.conftest import CONF, experiment, read_task
 from tests.scenes import rejection, start_scene
@@ -47,7 +55,7 @@ def worlds():
 
 def make(world, fault):
     watcher, brain = Watcher(), FaultyBrain(fault, seed=0)
-    outcome = EpisodeMaker(
+    outcome = EpisodeGenerator(
         Settings.configured(world.task, FULL, FaultySpec(fault)), world, brain, watcher
     ).make(0)
     return outcome, watcher, brain
@@ -62,7 +70,7 @@ def tried(worlds):
 def faults_of(name, breaks):
     task = read_task(name)
     scene = start_scene(task, 0)
-    return [fault for fault in FAULTS if FAULTS[fault].breaks is breaks and applies(fault, task, scene)]
+    return [fault for fault in FAULTS if FAULTS[fault].breaks is breaks and fault_applies(fault, task, scene)]
 
 
 CASES = [("lift_barrier", fault) for fault in (*faults_of("lift_barrier", True), "uneven_height")]
@@ -77,7 +85,7 @@ CASES += [
 @pytest.mark.parametrize(("name", "fault"), CASES)
 def test_a_fault_that_breaks_something_is_found_before_it_moves_and_repaired(name, fault, tried):
     outcome, watcher, brain = tried(name, fault)
-    assert brain.placed and outcome.success and outcome.attempts == 2
+    assert brain.inserted and outcome.success and outcome.attempts == 2
     (stopped_at,) = watcher.rejected_at
     assert stopped_at in (0, *watcher.planned_at)  # nothing moved between the proposal and its rejection
     assert watcher.reasons[0]
@@ -108,19 +116,19 @@ def test_the_reason_speaks_of_the_fault(fault, tried):
 @pytest.mark.slow
 def test_a_constraint_left_out_is_made_up_for(tried):
     outcome, watcher, brain = tried("lift_barrier", "missing_constraint")
-    assert brain.placed and outcome.success and not watcher.reasons
+    assert brain.inserted and outcome.success and not watcher.reasons
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_applies_somewhere_and_says_what_it_breaks(fault):
-    assert (FAULTS[fault].made.__doc__ or "").endswith(".")
+    assert (FAULTS[fault].insert.__doc__ or "").endswith(".")
     lift = read_task("lift_barrier")
     held = start_scene(lift, 0)
     held = type(held)(**{**held.__dict__, "held": ("barrier", "barrier")})
     place = read_task("place_food")
     scenes = [(lift, start_scene(lift, 0)), (lift, held), (place, start_scene(place, 0))]
-    assert any(applies(fault, task, scene) for task, scene in scenes)
+    assert any(fault_applies(fault, task, scene) for task, scene in scenes)
 
 
 def test_a_fault_where_it_applies_changes_the_plan_the_same_way_for_a_seed(task):
@@ -148,7 +156,7 @@ def test_a_fault_is_refused_for_the_tasks_that_have_no_place_for_it(task):
             f"those that have: {', '.join(known)}"
         )
     scenes = [start_scene(task, seed) for seed in range(10, 20)]
-    rooms = {tuple(fault for fault in FAULTS if applies(fault, task, scene)) for scene in scenes}
+    rooms = {tuple(fault for fault in FAULTS if fault_applies(fault, task, scene)) for scene in scenes}
     assert len(rooms) == 1, "whether a fault applies depends on the scene"
     assert set(rooms.pop()) <= set(known)
 
@@ -156,7 +164,7 @@ def test_a_fault_is_refused_for_the_tasks_that_have_no_place_for_it(task):
 def test_a_fault_that_applies_later_in_the_episode_has_a_place():
     """Lifts are proposed once the barrier is held."""
     lift = read_task("lift_barrier")
-    assert not applies("uneven_height", lift, start_scene(lift, 0))
+    assert not fault_applies("uneven_height", lift, start_scene(lift, 0))
     assert "uneven_height" in faults_for(lift)
 
 
@@ -193,7 +201,7 @@ def test_a_forbidden_zone_is_where_the_agent_really_has_to_go(name):
         changed = FAULTS["forbidden_zone"].change(sound, question, rng)
         assert changed is not None
         (agent,) = changed.constraints[-1].agents
-        objects = {s.object for s in sound.of(agent) if s.verb in ("grasp", "press", "shut")}
+        objects = {s.object for s in sound.subgoals_of(agent) if s.verb in ("grasp", "press", "shut")}
         assert not {(agent, name) for name in objects} <= brought
 
 
@@ -215,7 +223,7 @@ def test_only_the_first_feedback_is_about_the_fault():
     task = read_task("three_robots_stack_cube")
     scene, brain = start_scene(task, 0), FaultySpec("through_arm").make(task, FULL, 0)
     brain.answer(Question(task, scene, {}))
-    assert brain.placed
+    assert brain.inserted
     found = rejection(task, "through_arm")
     assert found.cause is Cause.SPACE and len(found.agents) == 2
     later = Question(task, scene, {}, feedback=(found,))
@@ -242,7 +250,7 @@ def test_every_sentence_of_plans_and_faults_says_its_statement(task):
     changed = (f.change(plan, Question(task, scene, {}), np.random.default_rng(0)) for f in FAULTS.values())
     for proposal in (plan, *(each for each in changed if each is not None)):
         for stated in proposal.constraints:
-            if isinstance(stated, Unread) or not set(stated.agents) <= set(task.agents):
+            if isinstance(stated, UnparsedStatement) or not set(stated.agents) <= set(task.agents):
                 assert proposal is not plan
             else:
                 assert read(stated.sentence, task.vocabulary) == stated

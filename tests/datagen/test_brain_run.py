@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.datagen.brain import to_json
 from rf_exp.run import main
 from rf_exp.statements import Proposal
@@ -87,6 +87,6 @@ def test_a_key_on_the_command_line_is_refused_before_it_is_written(monkeypatch, 
     arguments = [*GENERATE, "brain=openai", f"+brain.api_key={KEY}", f"out={tmp_path}"]
     monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
     GlobalHydra.instance().clear()
-    assert guarded(main) == 2
+    assert run_guarded(main) == 2
     said = "".join(capsys.readouterr())
     assert "environment variable" in said and KEY not in said and not holds(tmp_path, KEY)

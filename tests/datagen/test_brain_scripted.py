@@ -168,7 +168,7 @@ def test_a_refusal_says_which_part_by_how_much_and_what_was_tried():
     )
     stuck = planned(only(Subgoal(4, "home")), IN_THE_CAMERA)
     fingers = PlanningScene(PHOTO, IN_THE_CAMERA).arm(4, IN_THE_CAMERA.qpos[3, :-2], touches=())
-    gap = nearest(fingers, PlanningScene(PHOTO, IN_THE_CAMERA).standing(["camera"]))
+    gap = nearest(fingers, PlanningScene(PHOTO, IN_THE_CAMERA).static_objects(["camera"]))
     assert gap is not None and (stuck.value, stuck.parts) == (gap.distance_m, (gap.a, "camera"))
     assert f"no free path (where it stands its {gap.a} comes within" in stuck.sentence
     assert len(stuck.tried) == 3

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import pytest
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen import EpisodeMaker, Settings
-from rf_exp.datagen.brain import BadAnswer, FaultySpec, Question, RandomSpec, from_json, legal
+from rf_exp.datagen import EpisodeGenerator, Settings
+from rf_exp.datagen.brain import BadAnswer, FaultySpec, Question, RandomSpec, from_json, legal_answers
 from rf_exp.datagen.brain.protocol import strict_answer
-from rf_exp.datagen.episode import missing
-from rf_exp.findings import Dialogue, Finding, Misread, Ruling
+from rf_exp.datagen.episode import missing_constraints
+from rf_exp.findings import Dialogue, Finding, ParseError, Ruling
 from rf_exp.sim import Simulator
-from rf_exp.statements import AvoidAgents, KeepLevel, Proposal, read, read_subgoal, understood
+from rf_exp.statements import AvoidAgents, KeepLevel, Proposal, read, read_or_unparsed, read_subgoal
 from rf_exp.tasks import Task
 from rf_exp.types import Subgoal
 from tests.conftest import TASKS, read_task
@@ -26,7 +26,7 @@ def task(request: pytest.FixtureRequest) -> Task:
 
 
 def test_what_is_legal_is_read_as_it_was_meant(task: Task) -> None:
-    known = legal(task, start_scene(task, 0))
+    known = legal_answers(task, start_scene(task, 0))
     for agent, subgoals in known.subgoals.items():
         assert subgoals and all(read_subgoal(agent, each.text, task.vocabulary) == each for each in subgoals)
     for each in known.constraints:
@@ -51,7 +51,7 @@ def enumerations(schema: object) -> Iterator[str]:
 
 
 def test_a_schema_that_lists_what_is_legal_lists_all_of_it(lift_barrier: Task) -> None:
-    known = legal(lift_barrier, start_scene(lift_barrier, 0))
+    known = legal_answers(lift_barrier, start_scene(lift_barrier, 0))
     schema = strict_answer(lift_barrier, known).model_json_schema()
     listed = {*enumerations(schema)}
     assert {each.sentence for each in known.constraints} < listed
@@ -65,9 +65,9 @@ def test_a_schema_that_lists_what_is_legal_lists_all_of_it(lift_barrier: Task) -
 def test_a_constraint_is_missing_where_nothing_asks_the_same_whatever_the_numbers() -> None:
     level, all_clear = KeepLevel("pot", 5.0, 1), AvoidAgents((1, 2))
     stated = [KeepLevel("pot", 9.0, 1), AvoidAgents((2, 1))]
-    assert missing([level, all_clear], stated) == []
-    assert missing([level, all_clear], stated[:1]) == [all_clear]
-    assert missing([KeepLevel("pot", 5.0, 2)], stated) == [KeepLevel("pot", 5.0, 2)]
+    assert missing_constraints([level, all_clear], stated) == []
+    assert missing_constraints([level, all_clear], stated[:1]) == [all_clear]
+    assert missing_constraints([KeepLevel("pot", 5.0, 2)], stated) == [KeepLevel("pot", 5.0, 2)]
 
 
 @pytest.mark.parametrize(
@@ -100,8 +100,10 @@ def test_what_an_answer_is_refused_for_has_a_code(text: str, finding: Finding, l
     ],
 )
 def test_so_has_a_constraint(sentence: str, finding: Finding, lift_barrier: Task) -> None:
-    proposal = Proposal((Subgoal(1, "home"),), (understood(sentence, lift_barrier.vocabulary, "spatial"),))
-    with pytest.raises(Misread) as refused:
+    proposal = Proposal(
+        (Subgoal(1, "home"),), (read_or_unparsed(sentence, lift_barrier.vocabulary, "spatial"),)
+    )
+    with pytest.raises(ParseError) as refused:
         RoboChecker(lift_barrier, proposal, FULL)
     assert refused.value.finding is finding
 
@@ -110,10 +112,10 @@ def test_so_has_a_constraint(sentence: str, finding: Finding, lift_barrier: Task
 def test_repairs_are_told_from_rounds(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as world:
         settings = Settings.configured(lift_barrier, FULL, FaultySpec("missing_constraint"))
-        quiet = EpisodeMaker(settings, world, settings.make_brain(0)).make(0).dialogue
+        quiet = EpisodeGenerator(settings, world, settings.make_brain(0)).make(0).dialogue
         settings = Settings.configured(lift_barrier, FULL, FaultySpec("wrong_direction"))
-        outcome = EpisodeMaker(settings, world, settings.make_brain(0)).make(0)
-    assert next(quiet.firsts).missing == 1 and quiet.repairs == 0 and quiet.valid_after == 0
+        outcome = EpisodeGenerator(settings, world, settings.make_brain(0)).make(0)
+    assert next(quiet.first_answers).missing == 1 and quiet.repairs == 0 and quiet.valid_after == 0
     found = outcome.dialogue
     rulings = Ruling.REFUSED, Ruling.CARRIED_OUT, Ruling.CARRIED_OUT
     assert (

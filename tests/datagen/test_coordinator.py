@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.datagen import Coordinator, EpisodeMaker, NullObserver, Settings
+from rf_exp.datagen import Coordinator, EpisodeGenerator, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.policy.inputs.coordination import may_go
+from rf_exp.policy.inputs.coordination import may_go_on_mask
 from rf_exp.sim import Simulator
 from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import TASKS, read_task
@@ -46,7 +46,7 @@ def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float
     with Simulator(task, render=False) as world:
         for seed in range(3):
             watching = Scenes()
-            made = EpisodeMaker(settings, world, settings.make_brain(seed), watching).make(seed).episode
+            made = EpisodeGenerator(settings, world, settings.make_brain(seed), watching).make(seed).episode
             if made is not None:
                 break
     assert made is not None and made.subgoal is not None and made.executed is not None
@@ -59,5 +59,5 @@ def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float
         numbers.append(at)
         free.append(go)
     assert np.mean(np.array(numbers) == made.subgoal) > 0.9
-    assert np.mean(np.array(free) == may_go(made.qpos, made.action, made.executed)) > alike
+    assert np.mean(np.array(free) == may_go_on_mask(made.qpos, made.action, made.executed)) > alike
     assert np.array(free)[-1].any()  # somebody may always go on

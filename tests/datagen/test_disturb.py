@@ -7,12 +7,19 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.constraints import Paths, Plan
-from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.disturb import ADDED, MOVED_M, TALLEST, Disturbance, ObjectMotionWatch, nearer
+from rf_exp.datagen.disturb import (
+    MAX_PEAK_STD,
+    MOTION_TOLERANCE_M,
+    PERTURBATION_LIMITS,
+    Disturbance,
+    ObjectMotionWatch,
+    clearance_losses,
+)
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.inputs.coordination import hesitates
+from rf_exp.policy.inputs.coordination import held_up_mask
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim import shared_simulator
 from rf_exp.tasks import default_of
@@ -49,7 +56,7 @@ class Watched(NullObserver):
 def make(task_name: str, seed: int, strength_rad: float = STRENGTH_RAD):
     task = read_task(task_name)
     settings = Settings.configured(task, FULL, ScriptedSpec(), disturbance_rad=strength_rad, delay_s=DELAY_S)
-    return EpisodeMaker(settings, shared_simulator(task, NO_PICTURES), ScriptedBrain()).make(seed)
+    return EpisodeGenerator(settings, shared_simulator(task, NO_PICTURES), ScriptedBrain()).make(seed)
 
 
 @pytest.fixture(scope="module", params=sorted(TASKS))
@@ -66,7 +73,7 @@ def test_the_plan_is_learned_and_something_else_was_done(episode: Episode) -> No
     assert episode.executed is not None
     off_rad = np.abs(episode.executed - episode.action)[..., :-1]
     assert 0 < off_rad.max() < 5 * STRENGTH_RAD
-    late = hesitates(episode.action, episode.executed)
+    late = held_up_mask(episode.action, episode.executed)
     np.testing.assert_array_equal(episode.executed[~late, -1], episode.action[~late, -1])
     assert late.any() == (late.shape[1] > 1)  # an arm alone does not pause
     assert not late[-1].any()
@@ -92,11 +99,11 @@ def test_what_is_meant_keeps_the_limits_of_the_joints(episode: Episode) -> None:
     assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + 4e-4
     assert episode.executed is not None
     velocity, acceleration = steepest(episode.executed)
-    assert velocity <= 1.002 * LIMITS.velocity_rad_s + ADDED.velocity_rad_s
-    assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + ADDED.acceleration_rad_s2 + 4e-4
+    assert velocity <= 1.002 * LIMITS.velocity_rad_s + PERTURBATION_LIMITS.velocity_rad_s
+    assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + PERTURBATION_LIMITS.acceleration_rad_s2 + 4e-4
     off_rad = np.abs(episode.executed - episode.action)[..., :-1]
     step_rad = LIMITS.acceleration_rad_s2 * CONTROL_DT_S**2  # who hesitates means to go on as far
-    assert off_rad.max() <= TALLEST * STRENGTH_RAD + step_rad
+    assert off_rad.max() <= MAX_PEAK_STD * STRENGTH_RAD + step_rad
 
 
 @pytest.mark.parametrize(
@@ -196,12 +203,13 @@ def test_perturbations_add_no_more_than_they_may(waits_at: int | None) -> None:
     for seed in range(100):
         made = Disturbance(ARMS, (trajectory,), schedule, 0.2, np.random.default_rng(seed))
         moved = made.trajectories()[0].path()[positions]
-        assert np.abs(moved[:, :-1] - DEFAULT.rest_rad).max() <= TALLEST * 0.2
+        assert np.abs(moved[:, :-1] - DEFAULT.rest_rad).max() <= MAX_PEAK_STD * 0.2
         reached = np.maximum(reached, steepest(moved[:, None]))
         low, high = DEFAULT.limits_rad
         assert (moved[:, :-1] >= low).all() and (moved[:, :-1] <= high).all()
-    assert 0.9 * ADDED.acceleration_rad_s2 < reached[1] <= ADDED.acceleration_rad_s2 + 1e-9
-    assert reached[0] <= ADDED.velocity_rad_s + 1e-9
+    bounds = PERTURBATION_LIMITS
+    assert 0.9 * bounds.acceleration_rad_s2 < reached[1] <= bounds.acceleration_rad_s2 + 1e-9
+    assert reached[0] <= bounds.velocity_rad_s + 1e-9
 
 
 def test_a_perturbation_that_is_in_the_way_is_mirrored_then_made_smaller_then_left_out() -> None:
@@ -210,12 +218,12 @@ def test_a_perturbation_that_is_in_the_way_is_mirrored_then_made_smaller_then_le
     at = int(np.flatnonzero(whole.any(axis=1))[0])
     length = int(np.flatnonzero(~whole[at:].any(axis=1))[0])
     for part in (-1.0, 0.5, -0.5, 0.25, -0.25, 0.0):
-        assert made.lessen([(1, at), (1, at + 1), (2, 0)])  # all of it at once, however often it is named
+        assert made.reduce([(1, at), (1, at + 1), (2, 0)])  # all of it at once, however often it is named
         left = off_rad(made)
         np.testing.assert_allclose(left[at : at + length], part * whole[at : at + length], atol=1e-12)
         np.testing.assert_allclose(left[at + length :], whole[at + length :], atol=1e-12)
-    assert not made.lessen([(2, 0)])  # who rests has none
-    while made.lessen([(1, at)]):  # the others, the nearest first
+    assert not made.reduce([(2, 0)])  # who rests has none
+    while made.reduce([(1, at)]):  # the others, the nearest first
         pass
     assert not off_rad(made).any()
 
@@ -236,10 +244,10 @@ def test_who_waits_is_about_what_comes_next() -> None:
     positions = np.concatenate([np.arange(39), np.full(5, 38), np.arange(39, 69)])
     schedule = Schedule(np.stack([positions, np.zeros_like(positions)], axis=1), 0)
     subgoals = Subgoals(2)
-    doing = subgoals.of_plan((TWO_GOALS, RESTING), schedule)
+    doing = subgoals.number_steps((TWO_GOALS, RESTING), schedule)
     assert (doing[:39, 0] == 0).all() and (doing[39:, 0] == 1).all() and not doing[:, 1].any()
     assert subgoals.texts == [[GRASP.text, LIFT.text], [IDLE]]
-    again = subgoals.of_plan((TWO_GOALS, RESTING), schedule)  # of the next proposal
+    again = subgoals.number_steps((TWO_GOALS, RESTING), schedule)  # of the next proposal
     assert again[0, 0] == 2 and again[-1, 0] == 3 and not again[:, 1].any()
 
 
@@ -249,7 +257,7 @@ def test_known_subgoals_keep_their_numbers() -> None:
     known = ["home", LIFT.text], [IDLE, "press"]
     subgoals = Subgoals(2, known)
     for _ in range(2):
-        doing = subgoals.of_plan((TWO_GOALS, RESTING), schedule)
+        doing = subgoals.number_steps((TWO_GOALS, RESTING), schedule)
         assert doing[0, 0] == 2 and doing[-1, 0] == 1
         assert (doing[:, 1] == 1).all()  # who is told nothing more has done all
     assert subgoals.texts == [["home", LIFT.text, GRASP.text], [IDLE, "press"]]
@@ -260,10 +268,10 @@ def test_a_path_that_leads_nearer_to_a_thing_than_its_plan_is_found() -> None:
     task = read_task("stack_cube")
     outcome = Watched()
     settings = Settings.configured(task, FULL, ScriptedSpec())
-    EpisodeMaker(settings, shared_simulator(task, NO_PICTURES), ScriptedBrain(), outcome).make(0)
+    EpisodeGenerator(settings, shared_simulator(task, NO_PICTURES), ScriptedBrain(), outcome).make(0)
     planned = outcome.plans[0]
     plan = planned.checked.plan
-    assert not [*nearer(plan, planned.checker.paths(planned.trajectories, plan.scene))]
+    assert not [*clearance_losses(plan, planned.checker.paths(planned.trajectories, plan.scene))]
     trajectory = planned.trajectories[0]
     approach, arm = trajectory.segments[0], task.arms[1]
     assert approach.touches
@@ -278,8 +286,8 @@ def test_a_path_that_leads_nearer_to_a_thing_than_its_plan_is_found() -> None:
         moved = replace(trajectory, segments=(replace(approach, qpos=qpos), *trajectory.segments[1:]))
         return planned.checker.paths((moved, *planned.trajectories[1:]), plan.scene)
 
-    assert [*nearer(plan, through(10, 12))] == [(1, 10), (1, 12)]
-    assert not [*nearer(planned.checker.check(through(10, 12), plan.schedule).plan, through(10))]
+    assert [*clearance_losses(plan, through(10, 12))] == [(1, 10), (1, 12)]
+    assert not [*clearance_losses(planned.checker.check(through(10, 12), plan.schedule).plan, through(10))]
 
 
 def test_only_what_nobody_handles_is_watched() -> None:
@@ -304,10 +312,10 @@ def test_only_what_nobody_handles_is_watched() -> None:
 
     plan = Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule)
     watch = ObjectMotionWatch(plan, objects=True)
-    assert watch.unintended(moved(1, MOVED_M / 2)) is None
-    moved_by = watch.unintended(moved(2, 2 * MOVED_M))
+    assert watch.unintended_motion(moved(1, MOTION_TOLERANCE_M / 2)) is None
+    moved_by = watch.unintended_motion(moved(2, 2 * MOTION_TOLERANCE_M))
     assert moved_by is not None and moved_by.sentence == f"a disturbed arm has moved {blue} by 10 mm"
-    assert watch.unintended(moved(5, 4 * MOVED_M)) is None  # the fingers close on it
+    assert watch.unintended_motion(moved(5, 4 * MOTION_TOLERANCE_M)) is None  # the fingers close on it
 
 
 def test_what_lies_in_a_cup_that_is_held_goes_with_it() -> None:
@@ -318,10 +326,11 @@ def test_what_lies_in_a_cup_that_is_held_goes_with_it() -> None:
     idle = tuple(Trajectory(agent, np.zeros(7), 1.0, ()) for agent in task.agents)
     plan = Plan(Paths(task, FULL, filled, idle), Schedule(np.zeros((1, 2), int), 0))
     watch = ObjectMotionWatch(plan, objects=True)
-    along = {name: transform((0.0, 2 * MOVED_M, 0.0)) @ filled.poses[name] for name in ("cup", "cube")}
-    assert watch.unintended(replace(filled, step=1, poses={**filled.poses, **along})) is None
+    shift = transform((0.0, 2 * MOTION_TOLERANCE_M, 0.0))
+    along = {name: shift @ filled.poses[name] for name in ("cup", "cube")}
+    assert watch.unintended_motion(replace(filled, step=1, poses={**filled.poses, **along})) is None
     beside = transform((0.2, 0.0, -0.1)) @ along["cube"]
-    moved = watch.unintended(
+    moved = watch.unintended_motion(
         replace(filled, step=2, poses={**filled.poses, "cup": along["cup"], "cube": beside})
     )
     assert moved is not None and moved.object == "cube"

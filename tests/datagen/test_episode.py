@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, make_episode
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Settings, make_episode
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import CheckName
@@ -69,7 +69,7 @@ def settings(task, row=FULL, **keywords):
 
 def test_an_episode_succeeds_and_carries_its_certificate(lift_world):
     watcher = Watcher()
-    outcome = EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain(), watcher).make(0)
+    outcome = EpisodeGenerator(settings(lift_world.task), lift_world, ScriptedBrain(), watcher).make(0)
     episode = outcome.episode
     assert outcome.success and outcome.success_paper and outcome.reason == "" and outcome.attempts == 1
     assert episode is not None and outcome.steps == watcher.steps == len(episode.qpos)
@@ -86,7 +86,7 @@ def test_an_episode_succeeds_and_carries_its_certificate(lift_world):
 def test_the_expert_succeeds_within_the_joint_limits_and_its_actions_play_again(task):
     with Simulator(task, render=False) as world:
         made = settings(task)
-        episode = EpisodeMaker(made, world, ScriptedBrain()).make(1).episode
+        episode = EpisodeGenerator(made, world, ScriptedBrain()).make(1).episode
         assert episode is not None
         commands = episode.action[:, :, :7].astype(float)
         velocity = np.diff(commands, axis=0) * CONTROL_HZ
@@ -110,7 +110,7 @@ def test_arms_that_hit_each_other_stop_pushing_draw_aside_and_go_on():
     """Without spatial constraints Agent_3 and Agent_2 meet over the stack (seed 0)."""
     task, watcher = read_task("three_robots_stack_cube"), Watcher()
     with Simulator(task, render=False) as world:
-        maker = EpisodeMaker(settings(task, BLIND), world, ScriptedBrain(), watcher)
+        maker = EpisodeGenerator(settings(task, BLIND), world, ScriptedBrain(), watcher)
         outcome = maker.make(0)
     assert outcome.success and outcome.attempts == 1 + len(watcher.rejections) >= 2
     for violation in watcher.rejections:
@@ -133,13 +133,13 @@ def test_an_arm_that_stands_where_others_will_lift_leaves_before_that_happens():
         plans = {}
         for row in (FULL, SPATIAL, BLIND):
             watcher = Watcher()
-            outcome = EpisodeMaker(settings(task, row), world, ScriptedBrain(), watcher).make(2)
+            outcome = EpisodeGenerator(settings(task, row), world, ScriptedBrain(), watcher).make(2)
             assert outcome.success and outcome.attempts == (2 if row is BLIND else 1)
             plans[row] = watcher.plans[1]  # the first grasps
     for row in (FULL, SPATIAL):
         plan = plans[row]
         positions, waiting = plan.schedule.positions, len(plan.trajectories[3])
-        assert waiting > 0 and not plan.proposal.of(4)
+        assert waiting > 0 and not plan.proposal.subgoals_of(4)
         if row is SPATIAL:  # in turns
             assert (positions[positions[:, 0] > 0, 3] == waiting).all()
     assert len(plans[BLIND].trajectories[3]) == 0
@@ -147,7 +147,7 @@ def test_an_arm_that_stands_where_others_will_lift_leaves_before_that_happens():
 
 def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift_world):
     watcher, brain = Watcher(), Mistaken(both_left)
-    outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain, watcher).make(0)
+    outcome = EpisodeGenerator(settings(lift_world.task), lift_world, brain, watcher).make(0)
     assert outcome.success and outcome.attempts == 2
     (violation,) = watcher.rejections
     assert (violation.check, violation.measured, violation.time_s) == (CheckName.CODE, False, 0.0)
@@ -158,7 +158,7 @@ def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift
 
 def test_a_mistake_half_way_is_dated_on_the_clock_of_the_episode(lift_world):
     watcher, brain = Watcher(), Mistaken(lambda proposal: "no json", well=1)
-    outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain, watcher).make(0)
+    outcome = EpisodeGenerator(settings(lift_world.task), lift_world, brain, watcher).make(0)
     assert outcome.success and outcome.attempts == 2
     (violation,), began = watcher.rejections, watcher.begins[1]  # the lift, once both have grasped
     assert violation.time_s == began / CONTROL_HZ > 1.0
@@ -171,14 +171,14 @@ def test_a_mistake_half_way_is_dated_on_the_clock_of_the_episode(lift_world):
 )
 def test_a_bad_answer_is_feedback_too(lift_world, answer):
     brain = Mistaken(lambda proposal: answer)
-    outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain).make(0)
+    outcome = EpisodeGenerator(settings(lift_world.task), lift_world, brain).make(0)
     assert outcome.success and outcome.attempts == 2
     assert brain.questions[1].feedback[0].check == "RoboBrain"
 
 
 def test_the_budget_of_attempts_ends_an_episode_with_its_reason(lift_world):
     brain = Mistaken(lambda proposal: "never any json", times=99)
-    outcome = EpisodeMaker(settings(lift_world.task, attempts=3), lift_world, brain).make(0)
+    outcome = EpisodeGenerator(settings(lift_world.task, attempts=3), lift_world, brain).make(0)
     assert not outcome.success and outcome.episode is None
     assert outcome.attempts == 3 == len(brain.questions)
     assert "not the expected JSON" in outcome.reason and outcome.steps == 0
@@ -187,12 +187,12 @@ def test_the_budget_of_attempts_ends_an_episode_with_its_reason(lift_world):
 @pytest.mark.slow
 def test_arms_take_turns_without_a_model_of_time(lift_world):
     watcher = Watcher()
-    EpisodeMaker(settings(lift_world.task, LOGICAL), lift_world, ScriptedBrain(), watcher).make(0)
+    EpisodeGenerator(settings(lift_world.task, LOGICAL), lift_world, ScriptedBrain(), watcher).make(0)
     for plan in watcher.plans:
         moves = np.diff(plan.schedule.positions, axis=0)
         assert (moves.sum(axis=1) == 1).all()
     full = Watcher()
-    EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain(), full).make(0)
+    EpisodeGenerator(settings(lift_world.task), lift_world, ScriptedBrain(), full).make(0)
     assert (np.diff(full.plans[1].schedule.positions, axis=0) == 1).all()  # the lift is one motion of both
 
 
@@ -203,7 +203,9 @@ def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     seed = next(seed for seed in range(1000) if heavy.start(seed).masses_kg["barrier"] > 9.3)
     with Simulator(heavy, render=False) as world:
         together, turns = (
-            EpisodeMaker(Settings.configured(heavy, row, ScriptedSpec()), world, ScriptedBrain()).make(seed)
+            EpisodeGenerator(Settings.configured(heavy, row, ScriptedSpec()), world, ScriptedBrain()).make(
+                seed
+            )
             for row in (FULL, ConstraintSet("logical_spatial", temporal=False))
         )
     assert together.success
@@ -214,12 +216,12 @@ def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
 def test_the_expert_goes_on_from_where_others_have_led(lift_world):
     """Their steps are stored as they were done, and as nobody's subgoal."""
     setting = settings(read_task("lift_barrier"))
-    whole = EpisodeMaker(setting, lift_world, ScriptedBrain()).make(5).episode
+    whole = EpisodeGenerator(setting, lift_world, ScriptedBrain()).make(5).episode
     assert whole is not None
     lead = whole.action[:40].astype(float)
     lead[20:, :, 0] += 0.1 * np.linspace(0, 1, 20)[:, None]  # and astray
     known: Any = whole.certificate["subgoals"]
-    made = EpisodeMaker(setting, lift_world, ScriptedBrain()).make(5, lead, known)
+    made = EpisodeGenerator(setting, lift_world, ScriptedBrain()).make(5, lead, known)
     episode = made.episode
     assert made.attempts == 1 and episode is not None and episode.subgoal is not None
     np.testing.assert_array_equal(episode.action[:40], lead.astype(np.float32))
@@ -245,7 +247,7 @@ def test_attempts_must_be_positive(lift_barrier):
 
 def test_conditions_are_kept_with_their_numbers_whether_they_are_met_or_not(lift_world):
     settings = Settings.configured(lift_world.task, FULL, ScriptedSpec())
-    outcome = EpisodeMaker(settings, lift_world, settings.make_brain(0)).make(0)
+    outcome = EpisodeGenerator(settings, lift_world, settings.make_brain(0)).make(0)
     assert outcome.episode is not None
     judged = outcome.episode.judged
     assert judged is not None

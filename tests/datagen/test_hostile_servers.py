@@ -12,7 +12,7 @@ from contextlib import ExitStack
 import pytest
 
 from rf_exp.datagen.brain import Question, ScriptedBrain
-from rf_exp.datagen.brain.request import LARGEST_BODY
+from rf_exp.datagen.brain.request import MAX_BODY_BYTES
 from tests.conftest import read_task
 from tests.datagen.language_server import LanguageServer, Reply, completion
 from tests.scenes import start_scene
@@ -34,7 +34,7 @@ def bomb(of_bytes: int) -> bytes:
     return first + again * (of_bytes // len(piece))
 
 
-LONG = f"longer than {LARGEST_BODY} bytes"
+LONG = f"longer than {MAX_BODY_BYTES} bytes"
 LATE = f"did not answer within {DEADLINE_S:g} s"
 
 

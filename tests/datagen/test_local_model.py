@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rf_exp.datagen.brain import OpenAISpec, legal, read_brain
-from rf_exp.datagen.brain.talk import Message, OpenAIChat
+from rf_exp.datagen.brain import OpenAISpec, legal_answers, read_brain
+from rf_exp.datagen.brain.chat import Message, OpenAIChat
 from tests.conftest import CONF
 from tests.scenes import start_scene
 
@@ -29,9 +29,9 @@ def test_a_small_model_writes_an_answer_of_the_schema(lift_barrier, monkeypatch)
     node.pop("defaults")
     spec = read_brain(node)
     assert isinstance(spec, OpenAISpec)
-    texts = [each.text for each in legal(lift_barrier, start_scene(lift_barrier, 0)).subgoals[1]]
+    texts = [each.text for each in legal_answers(lift_barrier, start_scene(lift_barrier, 0)).subgoals[1]]
     schema = {"type": "object", "properties": {"Agent_1": {"enum": texts}}, "required": ["Agent_1"]}
     chat = OpenAIChat(spec, None)  # asked for little in few words: whole answers take it a minute
     text = chat.ask("propose", [Message("user", "An arm lifts a barrier. What does it do?")], schema)
     assert json.loads(text)["Agent_1"] in texts
-    assert chat.asked[0].usage is not None and chat.asked[0].usage.completion_tokens > 0
+    assert chat.exchanges[0].usage is not None and chat.exchanges[0].usage.completion_tokens > 0

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion import branches, request
 from rf_exp.datagen.motion.reach import above
-from rf_exp.datagen.motion.request import EXPECTED_M
+from rf_exp.datagen.motion.request import DEFAULT_LIFT_M
 from rf_exp.datagen.motion.timing import duration_s
 from rf_exp.geometry import PlanningScene
 from rf_exp.robots import DEFAULT
@@ -57,12 +57,12 @@ def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_
 
     def straight_up(task, scene, agent, joints):
         arm = PlanningScene(task, scene).arms[agent - 1]
-        points = branches.straight(arm, joints, above(arm.tcp(joints), EXPECTED_M), LIMITS)
+        points = branches.straight_line(arm, joints, above(arm.tcp(joints), DEFAULT_LIFT_M), LIMITS)
         assert points is not None
         return float(duration_s(points, LIMITS)) / CONTROL_DT_S
 
     known = sum(map(altogether, range(4)))
-    monkeypatch.setattr(request, "_lifted", lambda reach, agent, height_m, points: points[-1:])
+    monkeypatch.setattr(request, "_lift_line", lambda reach, agent, height_m, points: points[-1:])
     assert known < sum(map(altogether, range(4)))
 
 
@@ -74,7 +74,7 @@ def test_the_way_back_and_to_rest_counts_where_an_arm_arrives(lift_barrier):
     start = np.array([1.2, 0.3, -0.4, -2.2, 0.2, 2.4, 0.3])
 
     def altogether_s(points):  # there, down, up again, and to rest
-        return duration_s(points, LIMITS) + branches.leaving_s(points[1], points[2], rest, LIMITS)
+        return duration_s(points, LIMITS) + branches.departure_s(points[1], points[2], rest, LIMITS)
 
     def chosen(posture):
         found = branches.Arrivals(arm, above(goals, 0.1), goals, posture).nearest(start)

@@ -12,12 +12,12 @@ from rf_exp.datagen.motion.planner import plan_motion
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
-from rf_exp.datagen.yielding import Yielding, ways
+from rf_exp.datagen.yielding import Yielding, planning_modes
 from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
 from rf_exp.tasks import default_of, named_task
-from rf_exp.transforms import equal_turns, planar
+from rf_exp.transforms import equal_rotations, planar
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, ConstraintSet, JointLimits, Subgoal
 from tests.conftest import read_task
 from tests.scenes import start_scene
@@ -57,7 +57,7 @@ def test_who_has_nothing_to_do_yields_first_unless_it_holds_something(place_food
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
     for held, length in ((None, 1), ("lid", 0)):
         holding = replace(scene, held=(None, held))
-        last = ways(proposal, holding, ConstraintSet("full"))[-1]
+        last = planning_modes(proposal, holding, ConstraintSet("full"))[-1]
         trajectories, _ = plan(place_food, proposal, holding, yielding=last.yielding)
         segments = trajectories[1].segments
         assert [(each.subgoal.verb, each.primitive) for each in segments] == [("aside", "move")] * length
@@ -198,7 +198,7 @@ def test_something_round_is_grasped_from_whichever_side_is_soonest():
     subgoals = tuple(each for each in task.module.plan(scene, task).subgoals if each.agent == 1)
     found = []
     for turn in (0, 5):
-        cup = scene.poses["cup"] @ equal_turns(12)[turn]
+        cup = scene.poses["cup"] @ equal_rotations(12)[turn]
         trajectories, _ = plan(
             task, Proposal(subgoals, ()), replace(scene, poses={**scene.poses, "cup": cup})
         )
@@ -217,7 +217,7 @@ def test_a_thing_is_grasped_so_that_the_arm_can_rise_with_it(monkeypatch):
     scene = start_scene(ring, 15)  # a finger of the soonest grasp stands too near to the next cube
     proposal = ring.module.plan(scene, ring)
     plan(ring, proposal, scene)
-    monkeypatch.setattr(request, "_rises", lambda *_: True)
+    monkeypatch.setattr(request, "_can_rise", lambda *_: True)
     with pytest.raises(Unreachable, match=r"cube1_1 to goal1_1 .* cube1_2 is in the way"):
         plan(ring, proposal, scene)
 
@@ -229,7 +229,7 @@ def test_a_rounded_detour_keeps_clear_of_what_it_goes_round():
     scene = start_scene(task, 0)
     trajectories, _ = plan(task, task.module.plan(scene, task), scene)
     planning_scene = PlanningScene(task, scene)
-    cup = replace(planning_scene.standing(["cup"]), objects=frozenset())
+    cup = replace(planning_scene.static_objects(["cup"]), objects=frozenset())
     approach = trajectories[0].segments[0].qpos
     gap = nearest(planning_scene.arm(1, approach), cup)
     assert gap is not None and gap.distance_m > 0

@@ -8,7 +8,7 @@ import pytest
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.geometry import OBJECT_MARGIN_M, VOXEL_M, PlanningScene, closer_than, voxels
-from rf_exp.perception import SEEN
+from rf_exp.perception import UNKNOWN_OBSTACLE
 from rf_exp.robots import DEFAULT
 from rf_exp.statements import Proposal
 from rf_exp.transforms import transform
@@ -56,7 +56,9 @@ def test_the_first_thing_that_is_near_is_named():
             each = (
                 name
                 for name in task.objects
-                if closer_than(body, planning_scene.standing([name]), OBJECT_MARGIN_M, between=False).any()
+                if closer_than(
+                    body, planning_scene.static_objects([name]), OBJECT_MARGIN_M, between=False
+                ).any()
             )
             if found not in ("the arm itself", "the table"):
                 assert found == next(each, None)
@@ -73,25 +75,25 @@ def test_a_box_that_only_the_cameras_know_is_in_the_way():
     low = np.floor(hand / VOXEL_M).astype(int) - 1
     box = low + np.array(list(np.ndindex(3, 3, 3)))
     assert in_the_way(task, scene, way) is None
-    looked = replace(scene, seen=box)
-    assert in_the_way(task, looked, way) == SEEN
+    looked = replace(scene, occupied_voxels=box)
+    assert in_the_way(task, looked, way) == UNKNOWN_OBSTACLE
     assert in_the_way(task, looked, way[:3]) is None
     assert in_the_way(task, looked, way, LOGICAL) is None  # that row is blind on purpose
-    assert in_the_way(task, replace(scene, seen=box[:0]), way) is None
+    assert in_the_way(task, replace(scene, occupied_voxels=box[:0]), way) is None
 
 
 def test_what_a_subgoal_is_about_is_known_by_its_shape_and_not_by_its_voxels():
     task = read_task("pick_meat")
     scene = start_scene(task, 0)
-    steak = voxels(PlanningScene(task, scene).standing(["steak"]))
-    looked = replace(scene, seen=steak)
+    steak = voxels(PlanningScene(task, scene).static_objects(["steak"]))
+    looked = replace(scene, occupied_voxels=steak)
     arm = task.arms[1]
     grasp = scene.poses["steak"] @ task.asset("steak").points["center"].object_from_tcp
     joints = arm.solve(transform((0, 0, 0.03)) @ grasp, REST)
     assert joints is not None
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
     assert in_the_way(task, looked, joints[None], proposal=proposal) is None
-    assert in_the_way(task, looked, joints[None]) == SEEN
+    assert in_the_way(task, looked, joints[None]) == UNKNOWN_OBSTACLE
     off_centre = arm.solve(grasp @ transform((0, 0.03, 0)), joints)  # a finger is in the steak
     assert off_centre is not None
     assert in_the_way(task, looked, off_centre[None], proposal=proposal) == "steak"

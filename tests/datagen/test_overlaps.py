@@ -9,8 +9,8 @@ from omegaconf import OmegaConf
 
 from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedSpec
-from rf_exp.datagen.obstacles import taken
-from rf_exp.datagen.yielding import yields_after
+from rf_exp.datagen.obstacles import occupied_place
+from rf_exp.datagen.yielding import yielding_agents
 from rf_exp.findings import Finding, Violation
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task, load_task
@@ -36,7 +36,7 @@ def place_food(**objects: Any) -> Task:
 def test_nothing_overlaps_in_the_plans_of_the_suite(task: Task) -> None:
     for seed in range(20):
         scene = start_scene(task, seed)
-        assert taken(task, task.module.plan(scene, task), scene) is None
+        assert occupied_place(task, task.module.plan(scene, task), scene) is None
 
 
 @pytest.mark.slow
@@ -53,7 +53,7 @@ def test_a_place_on_which_something_stands_is_refused_before_planning() -> None:
         "move one of them"
     )
     assert 0.001 < -found.value < 0.05
-    assert yields_after(found, Proposal(LID_OFF, ()), task, scene) == []
+    assert yielding_agents(found, Proposal(LID_OFF, ()), task, scene) == []
 
 
 def test_two_things_that_are_put_on_one_place_overlap() -> None:
@@ -61,7 +61,7 @@ def test_two_things_that_are_put_on_one_place_overlap() -> None:
     both = Proposal(
         (*LID_OFF, Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "place", "steak", target="aside")), ()
     )
-    found = taken(task, both, start_scene(task, 0))
+    found = occupied_place(task, both, start_scene(task, 0))
     assert found is not None
     assert "lid would overlap steak at aside there by " in found.sentence
 
@@ -71,5 +71,5 @@ def test_what_is_moved_away_leaves_its_place() -> None:
     task = place_food(block={"asset": "steak", "relative_to": "pot", "x_m": 0.0, "y_m": 0.27})
     scene = start_scene(task, 0)
     moved = Proposal((*LID_OFF, Subgoal(1, "grasp", "block", "center")), ())
-    assert taken(task, Proposal(LID_OFF, ()), scene) is not None
-    assert taken(task, moved, scene) is None
+    assert occupied_place(task, Proposal(LID_OFF, ()), scene) is not None
+    assert occupied_place(task, moved, scene) is None

@@ -9,7 +9,7 @@ import pytest
 
 from rf_exp.constraints.checks.interaction import POSITION_M, ContactAtCheck
 from rf_exp.datagen import make_episode
-from rf_exp.datagen.motion.verbs import PRESS_ON_M
+from rf_exp.datagen.motion.verbs import EXTRA_PRESS_M
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse, transform
@@ -48,7 +48,7 @@ def test_who_has_pressed_and_felt_nothing_presses_farther(task: Task) -> None:
         assert segment.touches == {"camera"}
         before, after = (task.arms[4].tcp(points) for points in (scene.qpos[3, :7], segment.qpos[-1]))
         moved = inverse(before) @ after
-        np.testing.assert_allclose(moved[:3, 3], [0, 0, PRESS_ON_M], atol=1e-5)
+        np.testing.assert_allclose(moved[:3, 3], [0, 0, EXTRA_PRESS_M], atol=1e-5)
         np.testing.assert_allclose(moved[:3, :3], np.eye(3), atol=1e-5)
         first = again
 
@@ -85,5 +85,5 @@ def test_farther_on_is_not_beside_the_point(task: Task) -> None:
         ((0, 0, -0.012), 0.012),
         ((0.011, 0, 0.012), 0.011),
     ):
-        found = check._beside(plan, pressed @ transform(moved_m), scene.poses["camera"], 0.0)
+        found = check._position_evidence(plan, pressed @ transform(moved_m), scene.poses["camera"], 0.0)
         assert found.value == pytest.approx(beside_m, abs=1e-9) and found.ok == (beside_m <= POSITION_M)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints.phases import times_s
-from rf_exp.datagen import Planned, Planner, Settings, Unreachable, commands_of, planning
+from rf_exp.datagen import Planned, Planner, Settings, Unreachable, plan_commands, planning
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
-from rf_exp.datagen.motion.planner import Queues, in_turn, plan_motion
+from rf_exp.datagen.motion.planner import Queues, canonical_order, plan_motion
 from rf_exp.findings import Cause, Finding, Violation
 from rf_exp.statements import Before, Proposal, Step
 from rf_exp.tasks import Task, named_task
@@ -78,7 +78,7 @@ def test_neither_motion_nor_schedule_depends_on_how_agents_are_listed(task, row)
         assert isinstance(other, Planned)
         assert len(other.schedule) == len(first.schedule)
         assert other.schedule.makespan_bound == first.schedule.makespan_bound
-        np.testing.assert_array_equal(commands_of(other), commands_of(first))
+        np.testing.assert_array_equal(plan_commands(other), plan_commands(first))
 
 
 def test_who_waits_for_nobody_comes_first(task):
@@ -86,14 +86,16 @@ def test_who_waits_for_nobody_comes_first(task):
     proposal = task.module.plan(start_scene(task, 0), task)
     found = set()
     for order in islice(permutations(agents_of(proposal)), 24):
-        shuffled = replace(proposal, subgoals=tuple(each for agent in order for each in proposal.of(agent)))
+        shuffled = replace(
+            proposal, subgoals=tuple(each for agent in order for each in proposal.subgoals_of(agent))
+        )
         orders = [
             ((each.first.agent, each.first.verb, each.first.object), (each.then.agent, None, None))
             for each in proposal.constraints
             if isinstance(each, Before) and isinstance(each.first, Step)
         ]
-        turns = in_turn(shuffled, orders)
-        assert all(turns.of(agent) == proposal.of(agent) for agent in task.agents)
+        turns = canonical_order(shuffled, orders)
+        assert all(turns.subgoals_of(agent) == proposal.subgoals_of(agent) for agent in task.agents)
         places = agents_of(turns)
         assert all(places.index(first[0]) < places.index(then[0]) for first, then in orders)
         found.add(tuple(places))
@@ -103,7 +105,7 @@ def test_who_waits_for_nobody_comes_first(task):
 def test_agents_that_wait_for_one_another_both_ways_are_listed_by_number():
     one, two = Subgoal(1, "home"), Subgoal(2, "home")
     both = [((1, "home", None), (2, None, None)), ((2, "home", None), (1, None, None))]
-    assert in_turn(Proposal((two, one), ()), both).subgoals == (one, two)
+    assert canonical_order(Proposal((two, one), ()), both).subgoals == (one, two)
 
 
 @pytest.mark.slow
@@ -155,13 +157,13 @@ ARM_IN_THE_WAY = Unreachable(Cause.SPACE, Finding.BLOCKED, (1, 2), obstacles=("A
 )
 def test_who_was_stuck_is_tried_again_once_what_was_in_the_way_has_moved(error, moved):
     queues = Queues(Proposal((ONE, OTHER, LAST), ()), (), ())
-    queues.stuck(queues.next(), error)
+    queues.mark_stuck(queues.next(), error)
     assert queues.next() == [OTHER]
-    queues.planned([OTHER], moved)
+    queues.mark_planned([OTHER], moved)
     assert queues.next() == [LAST]  # as far as the others go
-    queues.planned([LAST], ())
+    queues.mark_planned([LAST], ())
     assert queues.next() == [ONE]
-    queues.planned([ONE], {"steak"})
+    queues.mark_planned([ONE], {"steak"})
     assert queues.next() == ()
 
 
@@ -175,15 +177,15 @@ def test_who_has_gone_on_last_goes_on_before_those_who_have_waited_for_it():
     queues, met = Queues(Proposal((waits, first, then), ()), (), order), []
     while subgoals := queues.next():
         met += subgoals
-        queues.planned(subgoals, ())
+        queues.mark_planned(subgoals, ())
     assert met == [first, then, waits]
 
 
 @pytest.mark.parametrize("error", [IN_THE_WAY, FAR_OFF])
 def test_where_nothing_moves_that_matters_the_first_reason_is_the_answer(error):
     queues = Queues(Proposal((ONE, OTHER), ()), (), ())
-    queues.stuck(queues.next(), error)
-    queues.planned(queues.next(), {"pot"})
+    queues.mark_stuck(queues.next(), error)
+    queues.mark_planned(queues.next(), {"pot"})
     with pytest.raises(Unreachable) as raised:
         queues.next()
     assert raised.value is error
@@ -193,7 +195,7 @@ def test_a_reason_that_no_other_agent_can_help_is_the_answer_at_once():
     queues = Queues(Proposal((ONE, OTHER), ()), (), ())
     empty = Unreachable(Cause.GRIP, Finding.HOLDS_NOT, (1,))
     with pytest.raises(Unreachable) as raised:
-        queues.stuck(queues.next(), empty)
+        queues.mark_stuck(queues.next(), empty)
     assert raised.value is empty
 
 

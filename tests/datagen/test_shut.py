@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import Paths, slowed
+from rf_exp.constraints import Paths, limit_speeds
 from rf_exp.datagen import State, Unreachable
 from rf_exp.statements import Proposal, read_subgoal
 from rf_exp.tasks import Task
@@ -36,9 +36,9 @@ def test_closed_fingers_come_sweep_stay_and_draw_back(task: Task, swept) -> None
     assert [each.primitive for each in trajectory.segments] == ["close", "approach", "shut", "retreat"]
     assert all((each.gripper == GRIPPER_CLOSED).all() for each in trajectory.segments)
     hinge, sweep = task.asset("lid").hinge, trajectory.segments[2]
-    assert hinge is not None and sweep.opened_rad is not None
-    assert sweep.attached == "lid" and sweep.gripped is None and len(sweep.opened_rad) == len(sweep)
-    opened_deg = np.rad2deg(sweep.opened_rad)
+    assert hinge is not None and sweep.hinge_rad is not None
+    assert sweep.attached == "lid" and sweep.grasped_object is None and len(sweep.hinge_rad) == len(sweep)
+    opened_deg = np.rad2deg(sweep.hinge_rad)
     assert (np.diff(opened_deg) < 0).all() and opened_deg[-1] == 0
     still = (sweep.qpos == sweep.qpos[-1]).all(axis=1)
     assert opened_deg[still].max() == pytest.approx(hinge.falls_deg, abs=0.2)
@@ -47,10 +47,10 @@ def test_closed_fingers_come_sweep_stay_and_draw_back(task: Task, swept) -> None
 
 def test_the_lid_turns_as_slowly_as_it_is_swept(task: Task, swept) -> None:
     scene, trajectory, _ = swept
-    slow = slowed(_all(task, scene, trajectory), [*task.arms.values()], {3: 0.05})
+    slow = limit_speeds(_all(task, scene, trajectory), [*task.arms.values()], {3: 0.05})
     sweep = slow[2].segments[2]
-    assert sweep.opened_rad is not None and len(sweep) > 2 * len(trajectory.segments[2])
-    assert len(sweep.opened_rad) == len(sweep) and sweep.opened_rad[-1] == 0
+    assert sweep.hinge_rad is not None and len(sweep) > 2 * len(trajectory.segments[2])
+    assert len(sweep.hinge_rad) == len(sweep) and sweep.hinge_rad[-1] == 0
     body = Paths(task, ConstraintSet("full"), scene, slow).swept[2]
     np.testing.assert_allclose(body.poses[-1, body.labels.index("lid")], _shut(task, scene))
 
@@ -79,7 +79,7 @@ def _all(task: Task, scene: Scene, trajectory: Trajectory) -> tuple[Trajectory, 
 
 
 def _shut(task: Task, scene: Scene):
-    return task.hung("lid", scene.poses, 0.0)
+    return task.hinged_poses("lid", scene.poses, 0.0)
 
 
 def test_planning_believes_that_the_lid_is_shut(task: Task, swept) -> None:
@@ -87,15 +87,15 @@ def test_planning_believes_that_the_lid_is_shut(task: Task, swept) -> None:
     np.testing.assert_allclose(state.poses["lid"], _shut(task, scene), atol=1e-12)
     paths = Paths(task, ConstraintSet("full"), scene, _all(task, scene, trajectory))
     assert "lid" in paths.planning_scene.moved
-    finer = paths.finer(3)
+    finer = paths.refined(3)
     piece = finer.labels.index("lid")
-    angles = task.opened_rad("lid", {**scene.poses, "lid": finer.poses[:, piece]})
+    angles = task.hinge_rad("lid", {**scene.poses, "lid": finer.poses[:, piece]})
     assert np.abs(np.diff(angles)).max() < 0.02 and angles[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_nothing_is_done_where_it_falls_anyway(task: Task) -> None:
     scene = start_scene(task, 0)
-    poses = {**scene.poses, "lid": task.hung("lid", scene.poses, 0.3)}
+    poses = {**scene.poses, "lid": task.hinged_poses("lid", scene.poses, 0.3)}
     (_, _, trajectory), state = plan(task, Proposal((SHUT,), ()), replace(scene, poses=poses))
     assert len(trajectory) == 0
     np.testing.assert_allclose(state.poses["lid"], poses["lid"])

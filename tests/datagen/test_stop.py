@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.coordination import actions
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
+from rf_exp.coordination import scheduled_actions
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.disturb import ADDED
-from rf_exp.datagen.driving import come_to_rest, come_to_rest_disturbed, let_off
+from rf_exp.datagen.disturb import PERTURBATION_LIMITS
+from rf_exp.datagen.driving import come_to_rest, come_to_rest_disturbed, relax_to_measured
 from rf_exp.sim import Simulator
 from rf_exp.tasks import default_of
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, ConstraintSet, JointLimits
@@ -66,12 +66,12 @@ def planned():
     """Commands (T, N, 8) of every plan of an episode in which several arms move at once."""
     task, seen = read_task("three_robots_stack_cube"), Plans()
     with Simulator(task, render=False) as world:
-        EpisodeMaker(
+        EpisodeGenerator(
             Settings.configured(task, ConstraintSet("full"), ScriptedSpec()), world, ScriptedBrain(), seen
         ).make(1)
     starts = [np.stack([each.path()[0] for each in plan.trajectories]) for plan in seen.plans]
     return [
-        np.concatenate([start[None], actions(plan.trajectories, plan.schedule)])
+        np.concatenate([start[None], scheduled_actions(plan.trajectories, plan.schedule)])
         for start, plan in zip(starts, seen.plans, strict=True)
     ]
 
@@ -110,17 +110,17 @@ def test_arms_are_let_off_to_where_they_were_measured(planned):
     command = planned[0][0]
     qpos = np.hstack([command[:, :7], np.zeros((3, 2))])
     qpos[1, :7] += 0.2
-    rows = let_off(command, qpos, (2, 3), LIMITS)
+    rows = relax_to_measured(command, qpos, (2, 3), LIMITS)
     np.testing.assert_allclose(rows[-1, 1, :7], qpos[1, :7])
     np.testing.assert_array_equal(rows[:, [0, 2]], np.tile(command[[0, 2]], (len(rows), 1, 1)))
     assert_within_limits(np.concatenate([command[None], rows])[:, :, :7])
-    assert let_off(command, qpos, (1,), LIMITS).shape == (0, 3, 8)
+    assert relax_to_measured(command, qpos, (1,), LIMITS).shape == (0, 3, 8)
 
 
 def made(task, row, seed, world, **disturbed):
     seen = Plans()
     settings = Settings.configured(task, row, ScriptedSpec(), **disturbed)
-    return EpisodeMaker(settings, world, ScriptedBrain(), seen).make(seed), seen
+    return EpisodeGenerator(settings, world, ScriptedBrain(), seen).make(seed), seen
 
 
 def told(episode):
@@ -161,7 +161,8 @@ def test_arms_that_hit_each_other_stop_within_the_limits(row):
 def test_what_a_disturbed_arm_means_keeps_the_limits_when_it_stops(name):
     """And what it does is within what those may add to them; it comes to rest where it means to be."""
     more = JointLimits(
-        LIMITS.velocity_rad_s + ADDED.velocity_rad_s, LIMITS.acceleration_rad_s2 + ADDED.acceleration_rad_s2
+        LIMITS.velocity_rad_s + PERTURBATION_LIMITS.velocity_rad_s,
+        LIMITS.acceleration_rad_s2 + PERTURBATION_LIMITS.acceleration_rad_s2,
     )
     with Simulator(read_task(name), render=False) as world:
         outcome, seen = made(

@@ -51,7 +51,7 @@ def test_durations_of_approaches_are_estimated_without_bias(lift_barrier):
         ways = Approaches(arm, LIMITS, goals @ transform((0.0, 0.0, -0.1)), goals, start[None])
         for exact in filter(None, map(ways.exact, ways.estimated())):
             corners = densify(np.concatenate([start[None], exact.points]))
-            off_s.append(exact.takes_s - len(parameterise(blend(corners, 0.15), LIMITS)) * CONTROL_DT_S)
+            off_s.append(exact.duration_s - len(parameterise(blend(corners, 0.15), LIMITS)) * CONTROL_DT_S)
     assert len(off_s) > 40
     assert abs(np.median(off_s)) < 0.05 and np.percentile(np.abs(off_s), 80) < 0.2
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.envs.core import configured
+from rf_exp.envs.core import task_names
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs/environments.md").read_text("utf-8")
@@ -82,4 +82,4 @@ def test_the_python_in_the_document_runs(tmp_path: Path) -> None:
 
 def test_the_document_says_what_a_step_costs_in_every_task() -> None:
     table = re.findall(r"^\| `(\w+)` \| \d \|", DOCUMENT, re.MULTILINE)
-    assert sorted(table) == list(configured())
+    assert sorted(table) == list(task_names())

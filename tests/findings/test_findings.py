@@ -33,7 +33,7 @@ def test_every_finding_says_the_facts_that_its_form_names(finding: Finding) -> N
     violation = replace(EVERYTHING, finding=finding)
     said = violation.sentence
     assert said and not set("{}") & set(said)
-    assert re.findall(r"\{(\w+)", finding.form) or said == finding.form
+    assert re.findall(r"\{(\w+)", finding.template) or said == finding.template
     assert replace(violation, measured=True).sentence  # what is measured is known without a plan
     assert "0.25" not in violation.kind and "2.5" not in violation.kind
 

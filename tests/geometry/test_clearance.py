@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.geometry import Piece, PlanningScene, Swept, clearance, closer_than, folded, nearest, overlap
-from rf_exp.geometry.clearance import DOUBT, SLACK_M
+from rf_exp.geometry import (
+    Piece,
+    PlanningScene,
+    Swept,
+    clearance,
+    closer_than,
+    nearest,
+    overlap,
+    self_collisions,
+)
+from rf_exp.geometry.clearance import FORBID_TOLERANCE, SLACK_M
 from rf_exp.robots import DEFAULT
 from rf_exp.transforms import transform
 from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
@@ -24,7 +33,12 @@ def brute(a: Swept, b: Swept, row: int, column: int) -> float:
             best = min(
                 best,
                 coal.distance(
-                    x.shape, a.placed(row, i), y.shape, b.placed(column, j), request, coal.DistanceResult()
+                    x.shape,
+                    a.coal_transform(row, i),
+                    y.shape,
+                    b.coal_transform(column, j),
+                    request,
+                    coal.DistanceResult(),
                 ),
             )
     return best
@@ -37,7 +51,7 @@ def test_the_diagram_is_the_exact_test_of_every_cell(margin_m):
     diagram = closer_than(a, b, margin_m, between=False)
     assert 5 < diagram.sum() < 190  # both outcomes are there
     assert exact[~diagram].min() >= margin_m
-    assert exact[diagram].max() <= (1 + DOUBT) * margin_m + 2 * SLACK_M
+    assert exact[diagram].max() <= (1 + FORBID_TOLERANCE) * margin_m + 2 * SLACK_M
 
 
 def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
@@ -54,7 +68,7 @@ def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
     edge = np.argwhere(diagram[1:, 1:] != diagram[:-1, 1:])[:60]  # where it is decided
     for row, column in np.concatenate([cells, edge]).tolist():
         exact = brute(a, b, row, column)
-        assert exact < (1 + DOUBT) * 0.01 + 2 * SLACK_M if diagram[row, column] else exact >= 0.01
+        assert exact < (1 + FORBID_TOLERANCE) * 0.01 + 2 * SLACK_M if diagram[row, column] else exact >= 0.01
 
 
 @pytest.mark.slow
@@ -73,13 +87,13 @@ def test_what_is_forbidden_between_positions_is_not_more_than_the_doubt():
         apart = np.linalg.norm(a.centres[row, i] - b.centres[column, j]) - a.radii_m[i] - b.radii_m[j]
         if apart - keep < min(spare[row, column], margin_m):
             result.clear()
-            at = a.placed(row, i), b.placed(column, j)
+            at = a.coal_transform(row, i), b.coal_transform(column, j)
             exact = coal.distance(a.pieces[i].shape, at[0], b.pieces[j].shape, at[1], request, result)
             spare[row, column] = min(spare[row, column], exact - keep)
     diagram = closer_than(a, b, margin_m)
     assert 100 < diagram.sum() < 1500
     assert spare[~diagram].min() >= 0
-    assert spare[diagram].max() <= DOUBT * margin_m + 2 * SLACK_M
+    assert spare[diagram].max() <= FORBID_TOLERANCE * margin_m + 2 * SLACK_M
     assert np.mean(spare[diagram] > 2 * SLACK_M) < 0.01
 
 
@@ -205,7 +219,7 @@ def test_false_alarms_of_the_planning_margin_are_rare():
 def test_an_arm_that_folds_into_itself_is_found():
     folded_up = np.array([0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0])  # the hand inside the shoulder
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, np.stack([REST, folded_up]))
-    assert folded(body, DEFAULT.self_pairs).tolist() == [False, True]
+    assert self_collisions(body, DEFAULT.self_pairs).tolist() == [False, True]
 
 
 @pytest.mark.slow

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, beside, centres_m, nearest, overlap, shared, voxels
+from rf_exp.geometry import (
+    VOXEL_M,
+    Piece,
+    PlanningScene,
+    centres_m,
+    nearest,
+    overlap,
+    shared,
+    voxels,
+    within_margin,
+)
 from rf_exp.geometry.occupancy import fill
 from rf_exp.geometry.swept import arm_pieces
 from rf_exp.perception import boxes
@@ -105,7 +115,7 @@ def test_voxels_beside_a_body_are_those_within_a_margin_of_it(margin_m):
     around = np.random.default_rng(7).integers(middle - 8, middle + 8, (600, 3))
     gaps = [nearest(body, boxes(cube[None])) for cube in around]
     gaps_m = np.array([gap.distance_m for gap in gaps if gap is not None])
-    near = beside(around, body, margin_m)
+    near = within_margin(around, body, margin_m)
     assert near[gaps_m < margin_m - 1e-6].all()
     assert not near[gaps_m > 2 * margin_m + 0.01].any()
     assert 20 < near.sum() < 300

@@ -32,19 +32,19 @@ def test_an_object_stands_rides_and_is_left(lid_plan):
     assert np.allclose(body.poses[: carry + 1, lid], scene.poses["lid"], atol=1e-3)
     assert body.poses[-1, lid, 2, 3] == pytest.approx(scene.poses["lid"][2, 3] + 0.12, abs=2e-3)
     assert (np.flatnonzero(body.carried["lid"]) == np.arange(carry, len(body))).all()
-    assert "lid" not in planning_scene.standing().labels
+    assert "lid" not in planning_scene.static_objects().labels
 
 
 def test_the_gripper_touches_only_what_its_segment_names(lid_plan):
     scene, trajectories, planning_scene = lid_plan
     body = planning_scene.along(trajectories[1])
-    assert not closer_than(body, planning_scene.standing(), 0.003).any()
+    assert not closer_than(body, planning_scene.static_objects(), 0.003).any()
     blind = replace(
         trajectories[1],
         segments=tuple(replace(s, touches=frozenset(), attached=None) for s in trajectories[1].segments),
     )
     strict = PlanningScene(FOOD, scene, (trajectories[0], blind))
-    found = nearest(strict.along(blind), strict.standing(["lid"]))
+    found = nearest(strict.along(blind), strict.static_objects(["lid"]))
     assert found is not None and found.distance_m < 0.003
     assert "finger" in found.a and found.b == "lid"
 
@@ -130,7 +130,7 @@ def test_an_object_that_does_not_exist_is_named_with_those_that_do():
     with pytest.raises(ArgumentError, match=r"unknown attached object 'hat'; available: lid, pot, steak"):
         PlanningScene(FOOD, scene, (stray, idle(2)))
     with pytest.raises(ArgumentError, match=r"unknown object 'hat'; available: lid, pot, steak"):
-        PlanningScene(FOOD, scene).standing(["hat"])
+        PlanningScene(FOOD, scene).static_objects(["hat"])
 
 
 def test_carrying_without_a_grip_is_an_error_that_says_so():

@@ -80,7 +80,7 @@ def test_a_scene_is_read_as_it_stands(cell: Workcell) -> None:
 def test_what_sits_on_a_hand_is_kept_clear_too(cell: Workcell) -> None:
     """The camera of `panda_wristcam` is where PhysX has it."""
     body = PlanningScene(cell.task, cell.scene()).arm(1, cell.scene().qpos[0])
-    links: list[Any] = cell._stock._rows[0].arm.links
+    links: list[Any] = cell._environment._joints[0].arm.links
     camera = next(link for link in links if link.name.endswith("camera_link"))
     shape = camera.collision_shapes[0]
     pose = (camera.entity_pose * shape.local_pose).to_transformation_matrix()
@@ -171,7 +171,7 @@ def test_a_raised_and_tilted_arm_takes_a_ball_and_a_thing_from_a_thing(crowd: Wo
     ended = crowd.execute(crowd.plan({3: ["grasp ball at center", "lift ball by 0.1 m"]}))
     assert ended.violation is None and ended.scene.held[2] == "ball"
     assert ended.scene.poses["ball"][2, 3] == pytest.approx(0.1, abs=0.01)
-    assert ended.reason == "the plan was carried out; the environment does not say what success is"
+    assert ended.reason == "the plan was executed; the environment does not report success"
     then = ["place ball to spot", "grasp on_top at center", "lift on_top by 0.1 m"]
     ended = crowd.execute(crowd.plan({3: then}, ["Agent_3 must grasp On_Top at its center point."]))
     assert ended.violation is None and ended.scene.held[2] == "on_top"
@@ -197,7 +197,7 @@ def test_the_environment_s_own_limit_ends_an_execution() -> None:
     cell = Workcell(env, places={"middle": transform()})
     ended = cell.execute(cell.plan(HANDOVER, ORDER))
     assert (ended.steps, ended.truncated, ended.success) == (10, True, False)
-    assert ended.reason == "the environment cut the episode off"
+    assert ended.reason == "the environment truncated the episode"
     env.close()
 
 

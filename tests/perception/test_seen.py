@@ -6,7 +6,17 @@ import trimesh
 
 from rf_exp.constraints import RoboChecker
 from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, nearest, voxels
-from rf_exp.perception import FEWEST, NOISE_M, SEEN, Seen, boxes, down_to_table, look, points, within
+from rf_exp.perception import (
+    MIN_POINTS,
+    NOISE_M,
+    UNKNOWN_OBSTACLE,
+    OccupancyMap,
+    boxes,
+    depth_points,
+    down_to_table,
+    near_body,
+    occupied_voxels,
+)
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
 from rf_exp.transforms import apply, from_axes, inverse
@@ -42,7 +52,7 @@ def rows(occupied):
 def test_pixels_become_points_where_the_camera_looks():
     depth = np.full((48, 64), 1.0, dtype=np.float32)  # the table
     depth[:24, :32] = 0.7  # the upper left quarter sees something 30 cm high
-    found = points(depth, CAMERA)
+    found = depth_points(depth, CAMERA)
     assert len(found) == 24 * 32
     assert found[:, 2] == pytest.approx(0.3)
     assert (found[:, 0] > 0.3).all() and (found[:, 1] > 0.1).all()
@@ -57,8 +67,8 @@ def test_pixels_become_points_where_the_camera_looks():
 def test_a_finer_picture_gives_points_at_the_same_places():
     coarse = CameraModel(320, 240, CAMERA.fov_y_rad, CAMERA.world_from_camera)
     fine = CameraModel(960, 720, CAMERA.fov_y_rad, CAMERA.world_from_camera)
-    a = points(np.full((240, 320), 0.8, dtype=np.float32), coarse)
-    b = points(np.full((720, 960), 0.8, dtype=np.float32), fine)
+    a = depth_points(np.full((240, 320), 0.8, dtype=np.float32), coarse)
+    b = depth_points(np.full((720, 960), 0.8, dtype=np.float32), fine)
     assert len(a) == len(b) == 240 * 320  # one of nine
     pixel_m = 0.8 / fine.intrinsics[0, 0]
     np.testing.assert_allclose(a - b, [[-pixel_m, -pixel_m, 0]] * len(a), atol=1e-4)
@@ -68,11 +78,11 @@ def test_a_finer_picture_gives_points_at_the_same_places():
 def test_where_nothing_is_measured_nothing_is_seen(nothing):
     depth = np.full((48, 64), nothing, dtype=np.float32)
     planning_scene = PlanningScene(FOOD, scene_of(FOOD))
-    assert look({"global": depth}, {"global": CAMERA}, planning_scene).shape == (0, 3)
+    assert occupied_voxels({"global": depth}, {"global": CAMERA}, planning_scene).shape == (0, 3)
     depth[:10, :10] = 0.8
-    assert len(look({"global": depth}, {"global": CAMERA}, planning_scene)) > 3
-    depth[:10, :10] = [[0.8] * (FEWEST - 1) + [nothing] * (11 - FEWEST)] + [[nothing] * 10] * 9
-    assert len(look({"global": depth}, {"global": CAMERA}, planning_scene)) == 0
+    assert len(occupied_voxels({"global": depth}, {"global": CAMERA}, planning_scene)) > 3
+    depth[:10, :10] = [[0.8] * (MIN_POINTS - 1) + [nothing] * (11 - MIN_POINTS)] + [[nothing] * 10] * 9
+    assert len(occupied_voxels({"global": depth}, {"global": CAMERA}, planning_scene)) == 0
 
 
 @pytest.mark.slow
@@ -82,21 +92,21 @@ def test_points_on_an_arm_and_on_what_it_holds_are_theirs():
     grip = Arm(DEFAULT, FOOD.robots[0].world_from_base).tcp(scene.qpos[0])
     scene = scene_of(FOOD, held=("steak", None), poses={**scene.poses, "steak": grip})
     planning_scene = PlanningScene(FOOD, scene)
-    for body in (planning_scene.arm(1, scene.qpos[0]), planning_scene.standing(["steak"])):
+    for body in (planning_scene.arm(1, scene.qpos[0]), planning_scene.static_objects(["steak"])):
         for column, piece in enumerate(body.pieces):
             weights = rng.dirichlet(np.ones(len(piece.vertices)) / 4, 40)
             inside = apply(body.poses[0, column], weights @ piece.vertices)
-            assert within(body, inside.astype(np.float32), 1e-5).all()
+            assert near_body(body, inside.astype(np.float32), 1e-5).all()
         low, high = (bound(body.centres[0], axis=0) for bound in (np.min, np.max))
         around = rng.uniform(low - 0.1, high + 0.1, (200, 3))
         gaps = np.array([gap.distance_m for point in around if (gap := nearest(body, dot(point)))])
-        near = within(body, around.astype(np.float32), NOISE_M)
+        near = near_body(body, around.astype(np.float32), NOISE_M)
         assert near[gaps < NOISE_M - 1e-4].all() and not near[gaps > 2 * NOISE_M].any()
         assert near.any() and not near.all()
     eye = from_axes(grip[:3, 3] - [0.4, 0, 0], z=(1, 0, 0), y=(0, 0, -1))
     camera = CameraModel(8, 8, np.deg2rad(2), eye)
     depth = {"global": np.full((8, 8), 0.4, dtype=np.float32)}
-    assert len(look(depth, {"global": camera}, planning_scene)) == 0
+    assert len(occupied_voxels(depth, {"global": camera}, planning_scene)) == 0
 
 
 def test_voxels_become_boxes_of_the_same_volume_down_to_the_table():
@@ -113,7 +123,7 @@ def test_voxels_become_boxes_of_the_same_volume_down_to_the_table():
         ]
         volume = sum(np.prod(np.ptp(corner, axis=0)) for corner in corners)
         assert volume == pytest.approx(len(filled) * VOXEL_M**3)
-        inside = within(body, ((filled + 0.5) * VOXEL_M).astype(np.float32), -0.4 * VOXEL_M)
+        inside = near_body(body, ((filled + 0.5) * VOXEL_M).astype(np.float32), -0.4 * VOXEL_M)
         assert inside.all()
     assert len(boxes(block((0, 0, 0), (4, 5, 6))).pieces) == 1
 
@@ -121,20 +131,23 @@ def test_voxels_become_boxes_of_the_same_volume_down_to_the_table():
 def test_an_agent_minds_all_that_is_seen_but_what_it_is_about():
     aside = scene_of(FOOD).qpos + np.eye(9)[0] * 2.5  # turned away from all of it
     planning_scene = PlanningScene(FOOD, scene_of(FOOD, qpos=aside))
-    steak, pot = voxels(planning_scene.standing(["steak"])), voxels(planning_scene.standing(["pot"]))
+    steak, pot = (
+        voxels(planning_scene.static_objects(["steak"])),
+        voxels(planning_scene.static_objects(["pot"])),
+    )
     stranger = block((8, -9, 0), (10, -7, 3))
     around = block(steak.min(axis=0) - 1, steak.max(axis=0) + 2)
-    gaps = (nearest(as_links(planning_scene.standing(["steak"])), boxes(each[None])) for each in around)
+    gaps = (nearest(as_links(planning_scene.static_objects(["steak"])), boxes(each[None])) for each in around)
     close = around[[gap is not None and 0.02 < gap.distance_m < VOXEL_M for gap in gaps]]
     close = close[close[:, 2] == 0]
     everything = np.unique(np.concatenate([steak, pot, stranger, close]), axis=0)
-    seen = Seen(PlanningScene(FOOD, scene_of(FOOD, qpos=aside, seen=everything)))
+    seen = OccupancyMap(PlanningScene(FOOD, scene_of(FOOD, qpos=aside, occupied_voxels=everything)))
 
     def occupied(body):
-        return rows(everything[within(body, ((everything + 0.5) * VOXEL_M).astype(np.float32), 0.0)])
+        return rows(everything[near_body(body, ((everything + 0.5) * VOXEL_M).astype(np.float32), 0.0)])
 
     body, exactly = seen.obstacles(1, {"steak"})
-    assert body.labels and set(body.labels) == {SEEN}
+    assert body.labels and set(body.labels) == {UNKNOWN_OBSTACLE}
     assert "steak" in exactly
     assert occupied(body) >= rows(stranger)
     assert rows(close) and occupied(body) >= rows(close) - rows(pot)  # not the steak's, however near
@@ -151,14 +164,16 @@ def test_an_arm_does_not_mind_the_voxels_it_stands_in():
     scene = scene_of(FOOD)
     stood_in = voxels(PlanningScene(FOOD, scene).arm(1, scene.qpos[0]))
     stranger = block((8, -9, 0), (10, -7, 3))
-    seen = Seen(
-        PlanningScene(FOOD, scene_of(FOOD, seen=np.unique(np.concatenate([stood_in, stranger]), axis=0)))
+    seen = OccupancyMap(
+        PlanningScene(
+            FOOD, scene_of(FOOD, occupied_voxels=np.unique(np.concatenate([stood_in, stranger]), axis=0))
+        )
     )
     middles = [((each + 0.5) * VOXEL_M).astype(np.float32) for each in (stood_in, stranger)]
     for agent in FOOD.agents:
         body, _ = seen.obstacles(agent, set())
-        assert within(body, middles[0], 0.0).any() == (agent != 1)
-        assert within(body, middles[1], 0.0).all()
+        assert near_body(body, middles[0], 0.0).any() == (agent != 1)
+        assert near_body(body, middles[1], 0.0).all()
 
 
 def test_a_box_that_only_the_cameras_know_is_a_violation():
@@ -178,7 +193,11 @@ def test_a_box_that_only_the_cameras_know_is_a_violation():
         return checker.check(checker.paths(trajectories, scene), timed).violations
 
     assert violations() == []
-    [found] = violations(seen=box)
-    assert found.check == "ValidateSpatialOccupancy" and found.agents == (1,) and SEEN in found.sentence
+    [found] = violations(occupied_voxels=box)
+    assert (
+        found.check == "ValidateSpatialOccupancy"
+        and found.agents == (1,)
+        and UNKNOWN_OBSTACLE in found.sentence
+    )
     assert 0.2 < found.time_s < 1.0  # on the way there
-    assert violations(seen=box + np.array([0, 40, 0])) == []
+    assert violations(occupied_voxels=box + np.array([0, 40, 0])) == []

@@ -94,7 +94,7 @@ def scene_at(episode: Episode, step: int) -> Scene:
 
 def shown(runner: PolicyRunner, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> Observation:
     """What a runner is handed of a scene and its pictures."""
-    (found,) = observe(scene, Taken(pictures), [runner.declares])
+    (found,) = observe(scene, Taken(pictures), [runner.declaration])
     return found
 
 

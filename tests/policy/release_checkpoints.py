@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.nn.functional import conv1d, conv2d, conv_transpose1d, group_norm, linear, max_pool2d, mish, relu
 
 SIZE = 32, 48  # of its pictures
-HORIZON, MOMENTS, STEPS, TIMESTEPS = 8, 3, 6, 4
+HORIZON, OBSERVATION_STEPS, STEPS, TIMESTEPS = 8, 3, 6, 4
 CHANNELS = 8, 16
 STEP = 128  # numbers of a diffusion step
 SCALE, OFFSET = 2.0, -1.0  # of pictures
@@ -87,7 +87,7 @@ def network(cameras: tuple[str, ...], arms: int, brightest: float = 1.0) -> "Ord
     """A state dict of random numbers, as the release has it."""
     rng = torch.Generator().manual_seed(0)
     actions = 8 * arms
-    condition = MOMENTS * (512 * len(cameras) + actions)
+    condition = OBSERVATION_STEPS * (512 * len(cameras) + actions)
     shapes = {f"model.{name}": shape for name, shape in unet_shapes(actions, condition).items()}
     for camera in cameras:
         own = f"obs_encoder.key_model_map.{camera}."
@@ -133,7 +133,7 @@ def configuration(cameras: tuple[str, ...], arms: int, **changes: Any) -> dict[s
         "_target_": "diffusion_policy.workspace.robotworkspace.RobotWorkspace",
         "shape_meta": {"obs": {**pictures, **told}, "action": {"shape": [8 * arms]}},
         "horizon": HORIZON,
-        "n_obs_steps": MOMENTS,
+        "n_obs_steps": OBSERVATION_STEPS,
         "n_action_steps": STEPS,
         "policy": policy,
     }
@@ -248,4 +248,4 @@ def actions(
         noise = predicted(tensors, sample, int(step), observation)
         sample = scheduler.step(noise, step, sample, generator=generator).prev_sample  # pyright: ignore
     scale, offset = normaliser("action")
-    return ((sample - offset) / scale)[0, MOMENTS - 1 : MOMENTS - 1 + STEPS]
+    return ((sample - offset) / scale)[0, OBSERVATION_STEPS - 1 : OBSERVATION_STEPS - 1 + STEPS]

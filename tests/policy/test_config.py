@@ -83,19 +83,24 @@ def test_sections_of_parts_that_are_not_chosen_are_not_of_the_policy() -> None:
     small = varied(paper_policy(), {"encoder.name": "compact"})
     other = varied(paper_policy(), {"encoder.name": "compact", "encoder.keypoints.downsample": 4})
     assert small == other and "keypoints" not in small.identity["encoder"]
-    assert small.learned["encoder"] == {"name": "compact"}
+    assert small.training_values["encoder"] == {"name": "compact"}
 
 
 def test_what_decides_acting_alone_and_what_the_weights_are_all() -> None:
     policy = paper_policy()
-    assert policy.acted["head"] == {"diffusion": {"sampler": "ddpm", "inference_steps": 100}}
-    assert not policy.learned["head"]["diffusion"].keys() & policy.acted["head"]["diffusion"].keys()
-    assert PolicyConfig.read(policy.learned, policy.acted) == policy
+    assert policy.acting_values["head"] == {"diffusion": {"sampler": "ddpm", "inference_steps": 100}}
+    assert (
+        not policy.training_values["head"]["diffusion"].keys()
+        & policy.acting_values["head"]["diffusion"].keys()
+    )
+    assert PolicyConfig.read(policy.training_values, policy.acting_values) == policy
     acts = varied(policy, {"acting.action_steps": 2, "horizon": 16})
     assert policy.acting_as(acts) == varied(policy, {"acting.action_steps": 2})
 
 
-@pytest.mark.parametrize(("name", "why"), [("compact", "is there already"), ("a b", "is no name for a key")])
+@pytest.mark.parametrize(
+    ("name", "why"), [("compact", "is registered already"), ("a b", "is not a valid key")]
+)
 def test_a_part_of_a_known_name_is_refused(name: str, why: str) -> None:
     with pytest.raises(ArgumentError, match=f"encoder '{name}' {why}"):
         add_encoder(name, EncoderConfig, Compact)

@@ -22,7 +22,13 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.acting.diffusion_runner import WAIT_STEPS
-from rf_exp.policy.inputs.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, phases
+from rf_exp.policy.inputs.coordination import (
+    GRIPPING_STEPS,
+    held_up_mask,
+    may_go_on_mask,
+    numbered_subgoals,
+    phase_vectors,
+)
 from rf_exp.policy.inputs.observation_spec import spec_of
 from rf_exp.store import Store
 from rf_exp.types import Arch, Scene
@@ -49,7 +55,7 @@ def test_who_waits_is_who_is_sent_somewhere_later() -> None:
     action[20:, 0, 7] = -1.0
     action[40:, 1, 0] += np.arange(1, 21) / 10
     qpos = np.concatenate([action[..., :7], np.zeros((60, 2, 2))], axis=2)
-    free = may_go(qpos, action, action)
+    free = may_go_on_mask(qpos, action, action)
     assert np.array_equal(np.flatnonzero(~free[:, 0]), np.arange(20 + GRIPPING_STEPS, 60))
     assert np.array_equal(np.flatnonzero(~free[:, 1]), np.arange(40))
 
@@ -58,7 +64,9 @@ def test_nobody_waits_for_nobody() -> None:
     """Where all hold still until the end, and in a stop too short for a wait."""
     action = np.tile(np.append(REST, 1.0), (30, 1, 1))
     action[:10, 0, 0] += np.repeat(np.arange(5), 2) / 10
-    assert may_go(np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action, action).all()
+    assert may_go_on_mask(
+        np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action, action
+    ).all()
 
 
 @pytest.mark.parametrize("stands", [True, False], ids=["now", "until generator 5"])
@@ -73,22 +81,22 @@ def test_who_hesitates_means_to_go_on_and_stays(stands: bool) -> None:
     executed = np.stack([path[at]] * 2, axis=1)
     action = executed.copy()
     action[10 : 14 if stands else 15, 0] = path[11]
-    late = hesitates(action, executed)
+    late = held_up_mask(action, executed)
     assert np.flatnonzero(late[:, 0]).tolist() == list(range(10, 15)) and not late[:, 1].any()
-    assert not hesitates(executed, executed).any()
+    assert not held_up_mask(executed, executed).any()
     qpos = np.concatenate([executed[..., :7], np.zeros((30, 2, 2))], axis=2)
-    free = may_go(qpos, action, executed)
+    free = may_go_on_mask(qpos, action, executed)
     assert free[:, 0].all() and np.flatnonzero(~free[:, 1]).tolist() == list(range(10, 15))
 
 
 def test_numbers_beyond_those_learned_are_the_last() -> None:
-    found = phases(np.array([0, 2, 7]), np.array([True, False, True]), 3)
+    found = phase_vectors(np.array([0, 2, 7]), np.array([True, False, True]), 3)
     assert found.tolist() == [[1, 0, 0, 1], [0, 0, 1, 0], [0, 0, 1, 1]]
 
 
 def test_a_policy_is_told_of_its_own_agent(make_store, knowing: PolicyConfig) -> None:
     store: Store = make_store(2, 3)
-    assert numbered(store)[0].max() + 1 == 2
+    assert numbered_subgoals(store)[0].max() + 1 == 2
     for agent, view in enumerate(views(COORDINATED, 2), start=1):
         windows, spec = Windows(store, view, knowing, torch.device("cpu")), spec_of(knowing, store, view)
         assert windows.context.shape == (store.steps, spec.size(view))
@@ -119,12 +127,12 @@ def test_a_number_means_the_same_subgoal_in_every_episode(make_store) -> None:
         by_episode = store.by_episode
 
     Told.subgoal, Told.certificates = subgoal, [{"subgoals": texts} for texts in told]
-    numbers, names = numbered(Told)  # pyright: ignore[reportArgumentType]
+    numbers, names = numbered_subgoals(Told)  # pyright: ignore[reportArgumentType]
     assert names == (("grasp a at left", "lift a", "aside"), ("press b at top", "aside", "hold"))
     assert (numbers[ends[1] // 2 :] == (1, 0)).all() and (numbers[: ends[1] // 2] == -1).all()
     Told.certificates = [{"subgoals": told[0]}] * 4
     Told.subgoal = np.minimum(subgoal, (1, 0))
-    assert numbered(Told)[1] == ()  # pyright: ignore[reportArgumentType]
+    assert numbered_subgoals(Told)[1] == ()  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.slow
@@ -152,9 +160,7 @@ def test_a_rollout_tells_policies_what_the_coordinator_says(
     assert [*grippers[1].values()] == first[0, :, 7].tolist()
     assert np.abs(first[:, 0] - second[:, 0]).max() > 1e-6  # agent 1 was told something else
     assert np.array_equal(first[0, 1], second[0, 1])  # agent 2 was not
-    with pytest.raises(
-        StageError, match="policy 'agent1' has learned with a coordinator; there is none here"
-    ):
+    with pytest.raises(StageError, match="policy 'agent1' was trained with a coordinator; none is running"):
         rollout(Table(2), judge, load_runners(tmp_path), 1, 8)
 
 
@@ -186,7 +192,7 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
     looks: list[bool] = []
 
     def stay(runner: DiffusionRunner, context: torch.Tensor, numbers: torch.Tensor, free: torch.Tensor):
-        found = Policy.in_phase(runner._policy, context, numbers, free)
+        found = Policy.with_phases(runner._policy, context, numbers, free)
         own = 3 * len(runner.view.streams[0].agents)
         assert found.shape == context.shape and torch.equal(found[..., :-own], context[..., :-own])
         phase = found[..., -own:].unflatten(-1, (-1, 3))
@@ -196,13 +202,13 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
         return found
 
     def nobody_goes(runner: DiffusionRunner, *observed: torch.Tensor):
-        chances = Policy.chances(runner._policy, *observed)
-        assert chances is not None and torch.allclose(chances[..., :-1].sum(dim=2), torch.ones(1))
-        return torch.cat([chances[..., :-1], torch.zeros_like(chances[..., -1:])], dim=2)
+        probabilities = Policy.transition_probabilities(runner._policy, *observed)
+        assert probabilities is not None and torch.allclose(probabilities[..., :-1].sum(dim=2), torch.ones(1))
+        return torch.cat([probabilities[..., :-1], torch.zeros_like(probabilities[..., -1:])], dim=2)
 
     for runner in runners:
-        monkeypatch.setattr(runner._policy, "in_phase", partial(stay, runner))
-        monkeypatch.setattr(runner._policy, "chances", partial(nobody_goes, runner))
+        monkeypatch.setattr(runner._policy, "with_phases", partial(stay, runner))
+        monkeypatch.setattr(runner._policy, "transition_probabilities", partial(nobody_goes, runner))
     world = Table(2)
     start = world.reset(1).qpos[:, :7]
     rollout(world, judge, runners, 1, 2 * WAIT_STEPS)
@@ -225,14 +231,14 @@ def test_who_goes_is_not_cut_short_by_another_who_waits(
 
     def the_first_goes(*observed: torch.Tensor) -> torch.Tensor | None:
         looks.append(True)
-        chances = Policy.chances(policy, *observed)
-        assert chances is not None
-        return torch.cat([chances[..., :-1], torch.tensor([[[1.0], [0.0]]])], dim=2)
+        probabilities = Policy.transition_probabilities(policy, *observed)
+        assert probabilities is not None
+        return torch.cat([probabilities[..., :-1], torch.tensor([[[1.0], [0.0]]])], dim=2)
 
     targets = torch.zeros(1, config.horizon, 2, 8)
     targets[..., 7] = -1.0  # closed until the last of its steps
     targets[:, -1, 0, 7] = 1.0
-    monkeypatch.setattr(policy, "chances", the_first_goes)
+    monkeypatch.setattr(policy, "transition_probabilities", the_first_goes)
     monkeypatch.setattr(policy, "act", lambda *_: targets.flatten(2))
     world = Table(2)
     rollout(world, judge, [runner], 1, config.acting.action_steps)
@@ -264,6 +270,6 @@ def test_a_store_that_does_not_say_who_did_what_is_refused(
     make_store, knowing: PolicyConfig, monkeypatch
 ) -> None:
     store: Store = make_store(2, 3)
-    monkeypatch.setitem(store._kept, "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
-    with pytest.raises(ArgumentError, match="does not say who was at which subgoal; generate it again"):
+    monkeypatch.setitem(store._cache, "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
+    with pytest.raises(ArgumentError, match="does not record the subgoals of its agents; generate it again"):
         spec_of(knowing, store, views(COORDINATED, 2)[0])

@@ -10,10 +10,10 @@ import torch
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, TrainConfig, View, load_policy, load_runners, rollout, train
 from rf_exp.policy.config import KeypointsConfig
-from rf_exp.policy.examples.keypoints import HAND
+from rf_exp.policy.examples.keypoints import GRIPPER_POINTS
 from rf_exp.policy.examples.windows import Labels
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
-from rf_exp.policy.networks.keypoint_encoder import REACH, CropRefinement, KeypointEncoder
+from rf_exp.policy.networks.keypoint_encoder import LARGEST_CROP_OFFSET, CropRefinement, KeypointEncoder
 from tests.policy.conftest import HEIGHT, WIDTH, varied
 from tests.policy.test_rollout import Table, judge
 
@@ -44,7 +44,9 @@ def test_it_finds_to_half_a_pixel_what_was_seen_to_four() -> None:
     optimiser = torch.optim.AdamW(again.parameters(), 4e-3)
 
     def seen(true: torch.Tensor) -> torch.Tensor:
-        off = rng.uniform(-REACH * SIDE, REACH * SIDE, true.shape).astype(np.float32)
+        off = rng.uniform(-LARGEST_CROP_OFFSET * SIDE, LARGEST_CROP_OFFSET * SIDE, true.shape).astype(
+            np.float32
+        )
         return true + torch.from_numpy(off) / SIZE
 
     for _ in range(300):
@@ -76,7 +78,7 @@ def test_heat_maps_learn_nothing_from_the_second_look() -> None:
     own = {n: v for n, v in one.state_dict().items() if not n.startswith("crop_refinement.")}
     other.load_state_dict(own)
     rays = torch.rand(2, 1, 3, 4)
-    places, points = torch.rand(2, 2 * len(HAND), 2), torch.zeros(2, 2 * len(HAND), 3)
+    places, points = torch.rand(2, 2 * len(GRIPPER_POINTS), 2), torch.zeros(2, 2 * len(GRIPPER_POINTS), 3)
     labels = Labels(places, points, torch.zeros(2, 2, 6), torch.zeros(2, 0))
     what = torch.rand(2, 3, 48, 64), rays, labels
     for encoder in (one, other):
@@ -99,7 +101,7 @@ def test_a_policy_learns_with_it_and_acts(
     config = varied(policy_config, SEES | {f"encoder.keypoints.{key}": each for key, each in twice.items()})
     train(make_store(1, 3), LOCAL, config, train_config, tmp_path / "agent1")
     policy, *_ = load_policy(tmp_path / "agent1", "cpu")
-    features, places = policy.look(torch.zeros(1, HEIGHT, WIDTH, 3, dtype=torch.uint8))
+    features, places = policy.encode_centre_crops(torch.zeros(1, HEIGHT, WIDTH, 3, dtype=torch.uint8))
     assert places is not None and features.shape[0] == places.shape[0] == 1
     assert rollout(Table(1), judge, load_runners(tmp_path), 1, 2).steps == 2
 

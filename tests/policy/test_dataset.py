@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, View, Windows, views
 from rf_exp.policy.examples.windows import action_origin
-from rf_exp.policy.inputs.observation_spec import CHANGES, POSE, proprioception
+from rf_exp.policy.inputs.observation_spec import MOST_CHANGES, POSE_SIZE, proprioception
 from rf_exp.policy.inputs.pictures import crop
 from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.policy.networks.policy import Range
@@ -110,7 +110,7 @@ def test_what_somebody_else_has_done_is_not_learned(policy_config: PolicyConfig,
     windows = Windows(Store.open(path), LOCAL, varied(policy_config, {"context": True}), CPU)
     assert len(windows) == 2 * STEPS - lead
     assert np.array_equal(windows.action[STEPS:, :8], led.action[lead:, 0])
-    counted = windows.context[:, POSE : POSE + CHANGES + 1].argmax(dim=1)
+    counted = windows.context[:, POSE_SIZE : POSE_SIZE + MOST_CHANGES + 1].argmax(dim=1)
     assert counted[0] == 0 and counted[STEPS] == 2
 
 

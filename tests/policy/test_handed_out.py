@@ -126,7 +126,7 @@ def commands(
                 pictures[camera] = rng.integers(0, 256, pictures[camera].shape, np.uint8)
             hidden = [agent - 1 for agent in range(1, AGENTS + 1) if agent not in may.coordinated]
             numbers[hidden], may_go[hidden] = 10**6, False
-        (seen,) = observe(scene, Taken(pictures), [runner.declares], (numbers, may_go))
+        (seen,) = observe(scene, Taken(pictures), [runner.declaration], (numbers, may_go))
         yield runner(seen)
 
 
@@ -174,7 +174,7 @@ def test_an_observation_holds_what_the_view_declares(make_runners: Make, arch: A
     pictures = {camera: frames[3] for camera, frames in episode.images.items()}
     for runner in make_runners(arch, recipe):
         may = known(runner.view, recipe)
-        (seen,) = observe(scene_at(episode, 3), Taken(pictures), [runner.declares], coordination)
+        (seen,) = observe(scene_at(episode, 3), Taken(pictures), [runner.declaration], coordination)
         expected = {
             "step": 3,
             "qpos": {*may.agents},
@@ -237,7 +237,7 @@ class Spy(PolicyRunner):
         super().__init__(View(f"spy{agent}", (Stream("global", (agent,)),)), np.array([0.1]), declared)
 
     @property
-    def looks(self) -> bool:
+    def needs_pictures(self) -> bool:
         return len(self.handed) % 2 == 0
 
     def observe(self, observation: Observation) -> None:
@@ -278,7 +278,7 @@ def test_anybodys_policy_is_told_what_is_declared_and_no_more(state: Any) -> Non
     scene = replace(scene_at(episode, 0), poses=dict.fromkeys(task.objects, np.eye(4)))
     pictures = {camera: frames[0] for camera, frames in episode.images.items()}
     for _ in range(2):  # nothing is due in the second
-        (seen,) = observe(scene, Taken(pictures), [runner.declares])
+        (seen,) = observe(scene, Taken(pictures), [runner.declaration])
         runner(seen)
     assert len(policy.told) == 1 and not seen.pictures
     expected = {"rgb_global", "rgb_agent1", "rgb_agent2"}
@@ -301,7 +301,7 @@ class Standing(Taken):
     """A world that says where its cameras stand."""
 
     def __init__(self, variation: str) -> None:
-        self.task = replace(read_task("lift_barrier"), variation=read_variation(variation)).of(3)
+        self.task = replace(read_task("lift_barrier"), variation=read_variation(variation)).in_scene(3)
         super().__init__({name: np.zeros((4, 4, 3), np.uint8) for name in self.task.cameras})
 
     def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]:

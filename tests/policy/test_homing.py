@@ -10,10 +10,10 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import DiffusionRunner, Policy, PolicyConfig, rollout, views
-from rf_exp.policy.acting.diffusion_runner import SEARCH, SETTLE_STEPS
+from rf_exp.policy.acting.diffusion_runner import SEARCH_STEPS, SETTLE_STEPS
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of
 from rf_exp.policy.networks.heads import DiffusionHead
-from rf_exp.robots import DEFAULT, add_robot, known
+from rf_exp.robots import DEFAULT, add_robot, registry
 from rf_exp.store import Store
 from tests.policy.conftest import ARCHS, REST, make_episode, scene_of, shown, varied
 from tests.policy.test_rollout import FASTEST_RAD, Table, judge
@@ -49,7 +49,7 @@ def make(policy_config: PolicyConfig, spec: ObservationSpec):
             policy.normaliser.fastest.fill_(FASTEST_RAD)
             assert isinstance(policy.head, DiffusionHead)
             # As in test_rollout.py.
-            policy.head.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
+            policy.head.unet.traced = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
             found.append(DiffusionRunner(policy, view, spec))
         return found
 
@@ -101,7 +101,7 @@ def test_rest_is_that_of_the_task(make_store, tmp_path: Path, policy_config: Pol
 
 
 def test_an_arm_of_six_joints_has_a_rest_of_seven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(known, "_KNOWN", {DEFAULT.name: DEFAULT})
+    monkeypatch.setattr(registry, "_ROBOTS", {DEFAULT.name: DEFAULT})
     add_robot(arm := toy(tmp_path))
     rest = ObservationSpec(robots=("panda", "toy")).rest_rad(2)
     assert rest.tolist() == [*arm.rest_rad, 0.0]
@@ -114,11 +114,11 @@ def test_where_arms_rest_has_to_be_told(policy_config: PolicyConfig) -> None:
 
 def test_policies_that_do_not_home_say_nothing_of_it(policy_config: PolicyConfig) -> None:
     assert "homing" not in policy_config.identity["acting"] and not policy_config.acting.homing
-    assert "acting" not in policy_config.learned
+    assert "acting" not in policy_config.training_values
     homes = varied(policy_config, {"context": True, "acting.homing": True})
-    assert homes.acted["acting"]["homing"] is True
+    assert homes.acting_values["acting"]["homing"] is True
     stays = varied(policy_config, {"context": True})
-    assert homes.learned == stays.learned
+    assert homes.training_values == stays.training_values
     assert homes.acting_as(stays) == stays and stays.acting_as(homes) == homes
 
 
@@ -129,7 +129,7 @@ def gripped(runner: DiffusionRunner, apart_m: float) -> dict[int, np.ndarray]:
     world.qpos[0, 7:] = apart_m / 2
     runner.reset(0)
     runner._episode.homing[:] = False
-    runner._episode.grippers.told({1: -1.0}, np.full(2, 0.08))
+    runner._episode.grippers.record({1: -1.0}, np.full(2, 0.08))
     runner.state.targets.start(scene.qpos[[agent - 1 for agent in runner.view.agents]])
     runner.state.targets.put(np.zeros((5, len(runner.view.agents), 8)))
     runner(shown(runner, world.scene(), world.images()))
@@ -161,7 +161,7 @@ def test_fingers_that_are_meant_to_be_shut_have_missed_nothing(make, spec: Obser
 
 
 def test_who_has_grasped_nothing_grasps_next_elsewhere_along_the_ray(policy_config: PolicyConfig) -> None:
-    """By steps of SEARCH; another change of its gripper, and another agent, begin anew."""
+    """By steps of SEARCH_STEPS; another change of its gripper, and another agent, begin anew."""
     config = varied(policy_config, CHANGES | GATED | {"acting.regrasp_step_m": 0.01})
     view = views(ARCHS[3], 2)[0]
     spec = ObservationSpec(bases=((0.0, -0.5, 0.0), (0.0, 0.5, 0.0)), rests=(tuple(REST),) * 2, keyframes=2)
@@ -173,22 +173,22 @@ def test_who_has_grasped_nothing_grasps_next_elsewhere_along_the_ray(policy_conf
     rays = runner._rays(observation)
     assert rays is not None
     ray = known[0, 0, :3] - rays[0, 0, :, 3]
-    for misses in range(2 * len(SEARCH)):
-        found = runner._beyond(observation, known)
-        expected = 0.01 * SEARCH[misses % len(SEARCH)] * ray / ray.norm()
+    for misses in range(2 * len(SEARCH_STEPS)):
+        found = runner._goal_shift(observation, known)
+        expected = 0.01 * SEARCH_STEPS[misses % len(SEARCH_STEPS)] * ray / ray.norm()
         torch.testing.assert_close(torch.as_tensor(found).expand(1, 1, 3)[0, 0], expected)
-        runner._episode.misses[1, 0] += 1
-    runner._episode.misses[2, 0] += 1
+        runner._episode.failed_grasps[1, 0] += 1
+    runner._episode.failed_grasps[2, 0] += 1
     runner._episode.grippers.changes[0] = 2
-    assert torch.as_tensor(runner._beyond(observation, known)).abs().max() == 0
+    assert torch.as_tensor(runner._goal_shift(observation, known)).abs().max() == 0
 
 
 def test_a_miss_counts_at_the_change_that_it_was_to_be(make) -> None:
     (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
     gripped(runner, 0.02)
-    assert not runner._episode.misses
+    assert not runner._episode.failed_grasps
     gripped(runner, 0.001)
-    assert runner._episode.misses == {(1, 0): 1}
+    assert runner._episode.failed_grasps == {(1, 0): 1}
 
 
 def test_searching_needs_homing_and_a_goal_gate(policy_config: PolicyConfig) -> None:

@@ -24,14 +24,14 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.config import CELL, KeypointsConfig
-from rf_exp.policy.examples.keypoints import HAND, keypoints
-from rf_exp.policy.examples.windows import Labels, by_episode
-from rf_exp.policy.inputs.coordination import may_go
-from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec, footprint, spec_of, tcp_poses
+from rf_exp.policy.config import CELL_PX, KeypointsConfig
+from rf_exp.policy.examples.keypoints import GRIPPER_POINTS, keypoints
+from rf_exp.policy.examples.windows import Labels, joints_and_commands
+from rf_exp.policy.inputs.coordination import may_go_on_mask
+from rf_exp.policy.inputs.observation_spec import POSE_SIZE, ObservationSpec, footprint, spec_of, tcp_poses
 from rf_exp.policy.inputs.pictures import rays_of, usual_calibration
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
-from rf_exp.policy.networks.keypoint_encoder import OUT, KeypointEncoder
+from rf_exp.policy.networks.keypoint_encoder import KEYPOINT_SIZE, KeypointEncoder
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
@@ -88,9 +88,9 @@ def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
     """A keypoint encoder needs none; a policy that predicts its phase does."""
     store: Store = make_store(2, 3)
     view = views(ARCHS[0], 2)[0]
-    monkeypatch.setitem(store._kept, "subgoal", np.full_like(store.subgoal, -1))
+    monkeypatch.setitem(store._cache, "subgoal", np.full_like(store.subgoal, -1))
     assert len(Windows(store, view, varied(seeing, {"phases": False}), CPU))
-    with pytest.raises(ArgumentError, match="does not say who was at which subgoal"):
+    with pytest.raises(ArgumentError, match="does not record the subgoals of its agents"):
         Windows(store, view, varied(seeing, {"phases": True}), CPU)
 
 
@@ -106,7 +106,7 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
         assert spec.keyframes == 1  # a gripper that closes, and stays so
         for stream in view.streams:
             found = keypoints(store, stream, spec, slice(None))
-            assert found.points.shape == (store.steps, spec.keypoints(view) * len(HAND), 3)
+            assert found.points.shape == (store.steps, spec.keypoints(view) * len(GRIPPER_POINTS), 3)
             assert spec.keypoints(view) == 2 * len(stream.agents) + agents
             eye = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(eye.fov_deg)), eye.world_from_camera)
@@ -116,8 +116,10 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
                 closed = first + int(np.argmax(store.action[first : first + STEPS, 0, 7] < 0))
                 moments = [(k, at) for k in stream.agents for at in (closed, first + STEPS - 1)]
                 moments += [(k, frame) for k in hands]
-                for (column, (agent, at)), (part, point) in product(enumerate(moments), enumerate(HAND)):
-                    mine = column * len(HAND) + part
+                for (column, (agent, at)), (part, point) in product(
+                    enumerate(moments), enumerate(GRIPPER_POINTS)
+                ):
+                    mine = column * len(GRIPPER_POINTS) + part
                     if at == closed and frame > closed and agent in stream.agents and column % 2 == 0:
                         assert np.isnan(found.points[frame, mine]).all()  # it is past
                         continue
@@ -174,7 +176,7 @@ def test_a_camera_on_a_hand_is_refused(make_store) -> None:
     store: Store = make_store(1, 3)
     store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"
     try:
-        with pytest.raises(ArgumentError, match="camera 'agent1' rides on a hand"):
+        with pytest.raises(ArgumentError, match="camera 'agent1' is mounted on a gripper"):
             keypoints(
                 store, Stream("agent1", (1,)), ObservationSpec(((0.0, 0.0, 0.0),), keyframes=1), slice(None)
             )
@@ -188,8 +190,8 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
     height, width = 24, 32
     rows, columns = torch.arange(height) + 0.5, torch.arange(width) + 0.5
     away = ((columns - x * width) ** 2)[None] + ((rows - y * height) ** 2)[:, None]
-    maps = -away[None, None].expand(1, 2 * len(HAND), -1, -1) / 0.8
-    read = encoder.read(maps, torch.zeros(1, 32, height, width), DOWN)
+    maps = -away[None, None].expand(1, 2 * len(GRIPPER_POINTS), -1, -1) / 0.8
+    read = encoder.read_out(maps, torch.zeros(1, 32, height, width), DOWN)
     assert (read.places[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
         [x * width, y * height], abs=0.1
     )
@@ -206,7 +208,7 @@ def test_it_learns_to_find_what_is_shown() -> None:
     optimiser = torch.optim.AdamW(encoder.parameters(), 4e-3)
 
     def shown(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        places = rng.uniform(0.15, 0.85, (count, len(HAND), 2))
+        places = rng.uniform(0.15, 0.85, (count, len(GRIPPER_POINTS), 2))
         doing = rng.integers(0, 2, (count, 1))
         pictures = np.full((count, 3, 48, 64), -0.2, np.float32)
         rows, columns = np.mgrid[:48, :64] + 0.5
@@ -214,7 +216,7 @@ def test_it_learns_to_find_what_is_shown() -> None:
             for colour, (x, y) in enumerate(hand):
                 picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
             picture[2] += left_behind * (picture[0] + 0.2)
-        places = np.pad(places, ((0, 0), (0, 2 * len(HAND)), (0, 0)), constant_values=np.nan)
+        places = np.pad(places, ((0, 0), (0, 2 * len(GRIPPER_POINTS)), (0, 0)), constant_values=np.nan)
         places = places.astype(np.float32)
         return torch.from_numpy(pictures), torch.from_numpy(places), torch.from_numpy(doing)
 
@@ -230,15 +232,15 @@ def test_it_learns_to_find_what_is_shown() -> None:
         optimiser.step()
     pictures, pixels, doing = shown(64)
     there = torch.cat([DOWN[..., :3], DOWN[..., 3:] + torch.tensor([0.1, -0.2, 0.3])[:, None]], 3)
-    features, places = encoder.eval().see(pictures, there.expand(64, -1, -1, -1))  # where nobody learned
-    found = encoder.read(*encoder.look(pictures), DOWN.expand(64, -1, -1, -1)).places
-    own = slice(len(HAND))
+    features, places = encoder.eval().encode(pictures, there.expand(64, -1, -1, -1))  # where nobody learned
+    found = encoder.read_out(*encoder.heat_maps(pictures), DOWN.expand(64, -1, -1, -1)).places
+    own = slice(len(GRIPPER_POINTS))
     pixels = pixels[:, own]
     off = (found[:, own] - pixels) * torch.tensor([64, 48])
-    assert off.norm(dim=2).quantile(0.9) < CELL / 4
+    assert off.norm(dim=2).quantile(0.9) < CELL_PX / 4
     assert (features[:, -2:].argmax(dim=1, keepdim=True) == doing).float().mean() > 0.9
     assert places is not None and torch.equal(places, found)
-    points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), at_height(there, pixels)
+    points, expected = features[:, : 3 * len(GRIPPER_POINTS)].unflatten(1, (-1, 3)), at_height(there, pixels)
     expected[:, 1:] -= expected[:, :1]
     assert (points - expected).norm(dim=2).median() < 0.03
 
@@ -270,15 +272,15 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     action, executed = np.array(store.action), np.array(store.executed)
     first, last = store.by_episode(np.arange(store.steps))[1][[0, -10]]
     action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 is sent nowhere
-    monkeypatch.setitem(store._kept, "action", action)
-    monkeypatch.setitem(store._kept, "executed", executed)
+    monkeypatch.setitem(store._cache, "action", action)
+    monkeypatch.setitem(store._cache, "executed", executed)
     windows = Windows(store, LOCAL, seeing, CPU)
     every = np.random.default_rng(1).integers(0, store.steps, 8000)
     assert np.array_equal(windows.sample_active(every, 0.0, np.random.default_rng(0))[0], every)
     drawn, weights = windows.sample_active(every, 0.75, np.random.default_rng(0))
     part = 6000
     assert np.array_equal(drawn[part:], every[part:])
-    free = np.concatenate([may_go(*episode) for episode in by_episode(store)])[:, 0]
+    free = np.concatenate([may_go_on_mask(*episode) for episode in joints_and_commands(store)])[:, 0]
     assert set(drawn[:part]) <= set(np.flatnonzero(free)) and not free.all()
     assert len(set(drawn[:part])) == free.sum()
     assert (weights * torch.from_numpy(free[drawn])).mean() == pytest.approx(free.mean(), rel=0.1)
@@ -286,8 +288,8 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
 
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
-    encoder, nowhere = one_arm(), torch.full((2, 2 * len(HAND), 2), torch.nan)
-    points = torch.zeros(2, 2 * len(HAND), 3)
+    encoder, nowhere = one_arm(), torch.full((2, 2 * len(GRIPPER_POINTS), 2), torch.nan)
+    points = torch.zeros(2, 2 * len(GRIPPER_POINTS), 3)
     labels = Labels(nowhere, points, torch.zeros(2, 2, 6), torch.zeros(2, 0))
     loss = encoder.loss(torch.zeros(2, 3, 32, 48), DOWN.expand(2, -1, -1, -1), labels)
     encoder.fit_points(nowhere, points)
@@ -331,7 +333,7 @@ def test_policies_of_all_views_save_and_load(
         assert (read, spec) == (view, spec_of(fitted, store, view))
         windows = Windows(store, view, fitted, CPU)
         batch = windows.batch(np.arange(4), None)
-        features = policy.look(batch.pictures, batch.rays)[0][batch.frames]
+        features = policy.encode_centre_crops(batch.pictures, batch.rays)[0][batch.frames]
         generators = [torch.Generator().manual_seed(k) for k in range(4)]
         actions = policy.act(features, batch.proprio, batch.context, generators)
         assert actions.shape == (4, fitted.horizon, view.action_size // 8 * 17)
@@ -388,9 +390,9 @@ def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
     last = policy.gate.layers[-2]
     assert isinstance(last, torch.nn.Linear) and policy.normaliser.action.centre.abs().max() == 0
     features = torch.randn(1, 1, policy.encoder.features)
-    seen = features[0, 0, changes * OUT :][:3]
+    seen = features[0, 0, changes * KEYPOINT_SIZE :][:3]
     context = torch.zeros(1, 1, spec.size(LOCAL))
-    context[..., :POSE], context[..., POSE + changes] = torch.randn(POSE), 1.0
+    context[..., :POSE_SIZE], context[..., POSE_SIZE + changes] = torch.randn(POSE_SIZE), 1.0
     horizon, actions = policy.config.horizon, len(policy.normaliser.action.centre)
     monkeypatch.setattr(policy.head, "sample", lambda *_: torch.zeros(1, horizon, actions))
     nearer = torch.tensor([[[0.0, 0.02, -0.01]]])
@@ -402,7 +404,7 @@ def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
         chunk = policy.act(features, torch.zeros(1, 1, 8), context, [torch.Generator()], beyond)[0]
         place, axes = chunk[:, 8:11], chunk[:, 11:]
         torch.testing.assert_close(place, expected.expand(horizon, 3))
-        torch.testing.assert_close(axes, context[0, 0, 3:POSE].expand(horizon, 6))
+        torch.testing.assert_close(axes, context[0, 0, 3:POSE_SIZE].expand(horizon, 6))
 
 
 def test_a_goal_gate_learns_with_the_first_fit_of_the_head(make_store, fitted: PolicyConfig) -> None:
@@ -488,12 +490,12 @@ def test_a_policy_sees_by_the_calibration_that_it_is_handed(make_store, seeing: 
     assert isinstance(policy.encoder, KeypointEncoder)
     policy.encoder.fit(Windows(store, LOCAL, seeing, CPU))
     runner = DiffusionRunner(policy, LOCAL, spec)
-    assert runner.declares is not None and runner.declares.calibrated
+    assert runner.declaration is not None and runner.declaration.calibrated
     usual = usual_calibration(store, ("agent1",))
     moved = replace(usual, world_from_base=(planar(0.1, 0.0, 0.0) @ usual.world_from_base[0],))
     pictures = torch.from_numpy(make_episode(0, 1).images["agent1"][:1])
     stands = (torch.from_numpy(rays_of(each, LOCAL.streams[0]))[None] for each in (usual, moved))
-    seen = [policy.look(pictures, rays) for rays in (None, *stands)]
+    seen = [policy.encode_centre_crops(pictures, rays) for rays in (None, *stands)]
     before, same, after = (features for features, _ in seen)
     assert torch.equal(before, same) and not torch.allclose(before, after)
 
@@ -509,7 +511,7 @@ def test_two_rays_meet_at_whatever_height() -> None:
     both = KeypointEncoder(CONFIG, view, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
     both.height_error.fill_(0.03)
     rays = torch.cat([overhead(0.0, 0.0), overhead(0.4, 0.1)], dim=1)
-    points = torch.rand(50, both.keypoints * len(HAND), 3) * 0.3
+    points = torch.rand(50, both.keypoints * len(GRIPPER_POINTS), 3) * 0.3
     places = []
     for ray in rays[0]:
         seen = (points - ray[:, 3]) @ torch.linalg.inv(ray[:, :3]).T
@@ -527,8 +529,8 @@ def test_two_rays_meet_at_whatever_height() -> None:
 def test_a_ray_that_never_comes_to_its_height_ends_somewhere() -> None:
     encoder = one_arm()
     level = torch.tensor([[0.0, 0.0, 1.0, 0.5], [1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 1.0]])[None, None]
-    places = torch.full((1, 2 * len(HAND), 2), 0.5).requires_grad_()
-    heights = torch.full((1, 2 * len(HAND)), 0.1)
+    places = torch.full((1, 2 * len(GRIPPER_POINTS), 2), 0.5).requires_grad_()
+    heights = torch.full((1, 2 * len(GRIPPER_POINTS)), 0.1)
     points = encoder.triangulate(level, places, torch.ones(1, 2), heights)
     points.sum().backward()
     assert places.grad is not None and torch.isfinite(places.grad).all() and points.abs().max() < 2

@@ -61,8 +61,8 @@ def test_the_film_table_is_the_direct_computation() -> None:
     sample, observation = torch.randn(5, 8, 8), torch.randn(5, 30)
     steps = torch.tensor([0, 3, 50, 98, 99])
     table = unet.film_of_steps(torch.arange(100))
-    quick = unet.modulated(sample, table[steps] + unet.film_of_observations(observation))
-    assert torch.allclose(quick, unet(sample, steps, observation), atol=1e-5)
+    traced = unet.modulated(sample, table[steps] + unet.film_of_observations(observation))
+    assert torch.allclose(traced, unet(sample, steps, observation), atol=1e-5)
 
 
 @pytest.mark.slow
@@ -71,11 +71,11 @@ def test_the_network_that_acts_is_the_one_that_learned_to_the_last_bit(channels:
     torch.manual_seed(0)
     unet = ConditionalUNet1D(8, 30, channels).eval()
     film = torch.randn(7, unet.film.out_features)
-    quick = unet.quick(torch.zeros(1, 16, 8), film[:1])
+    traced = unet.traced(torch.zeros(1, 16, 8), film[:1])
     with torch.inference_mode():
         for rows in (1, 2, 3, 7):
             sample = torch.randn(rows, 16, 8)
-            assert torch.equal(quick(sample, film[:rows]), unet.modulated(sample, film[:rows]))
+            assert torch.equal(traced(sample, film[:rows]), unet.modulated(sample, film[:rows]))
 
 
 def test_every_weight_that_sees_data_learns() -> None:

@@ -19,12 +19,12 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.inputs.observation_spec import (
-    MEMORY,
-    POSE,
-    Memory,
+    HISTORY_SIZE,
+    POSE_SIZE,
+    GripperHistory,
     ObservationSpec,
+    clipped_offsets,
     context,
-    near,
     spec_of,
     tcp_poses,
 )
@@ -57,9 +57,9 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
             name: values[0]
             for name, values in ((n, from_quaternion(p[frame : frame + 1])) for n, p in store.poses.items())
         }
-        memory = Memory(agents)
+        memory = GripperHistory(agents)
         for command in store.action[STEPS:frame, :, 7]:
-            memory.told(dict(enumerate(command, start=1)), np.full(agents, OPEN_M))
+            memory.record(dict(enumerate(command, start=1)), np.full(agents, OPEN_M))
         for row in range(len(view.streams)):
             now = context(
                 spec, view, row, store.qpos[frame].astype(float), poses, memory.vector, spec.world_from_base
@@ -75,7 +75,7 @@ def test_context_is_seen_from_the_own_base() -> None:
     for base in ((0.0, 0.0, 0.0), (0.4, -0.2, 1.1)):
         spec = ObservationSpec((base,), ("block",))
         poses = {"block": planar(*base) @ planar(0.5, 0.1, 0.3, 0.02)}
-        found.append(context(spec, LOCAL, 0, qpos, poses, Memory(1).vector, spec.world_from_base))
+        found.append(context(spec, LOCAL, 0, qpos, poses, GripperHistory(1).vector, spec.world_from_base))
     np.testing.assert_allclose(*found, atol=1e-6)
 
 
@@ -84,10 +84,10 @@ def test_context_is_seen_from_the_table_however_high_that_is() -> None:
     spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
     poses = {"block": planar(0.5, 0.1, 0.3, 0.02)}
     usual, lower = (
-        context(spec, LOCAL, 0, qpos, poses, Memory(1).vector, [planar(0.0, 0.0, 0.0, z_m)])
+        context(spec, LOCAL, 0, qpos, poses, GripperHistory(1).vector, [planar(0.0, 0.0, 0.0, z_m)])
         for z_m in (0.0, -0.03)
     )
-    hand, block = lower[:3] - usual[:3], slice(POSE + MEMORY, 2 * POSE + MEMORY)
+    hand, block = lower[:3] - usual[:3], slice(POSE_SIZE + HISTORY_SIZE, 2 * POSE_SIZE + HISTORY_SIZE)
     np.testing.assert_allclose(hand, [0, 0, -0.03], atol=1e-6)
     np.testing.assert_array_equal(lower[block], usual[block])
 
@@ -100,12 +100,16 @@ def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -
     def near_at(*off_m: float) -> np.ndarray:
         pose = planar(0.0, 0.0, 0.0)
         pose[:3, 3] = hand_m + off_m
-        return context(spec, LOCAL, 0, qpos, {"block": pose}, Memory(1).vector, spec.world_from_base)[-3:]
+        return context(spec, LOCAL, 0, qpos, {"block": pose}, GripperHistory(1).vector, spec.world_from_base)[
+            -3:
+        ]
 
     np.testing.assert_allclose(near_at(0.001, 0.05, -0.1), [0.01, 0.5, -1.0], atol=1e-6)
     np.testing.assert_allclose(near_at(2.4, -0.3, 0.0), [1.0, -1.0, 0.0], atol=1e-6)
     offsets = [[0.001, 0.05, -0.1], [2.4, -0.3, 0.0]]  # keypoints are read as tensors
-    np.testing.assert_allclose(near(torch.tensor(offsets)), near(np.array(offsets)), atol=1e-6)
+    np.testing.assert_allclose(
+        clipped_offsets(torch.tensor(offsets)), clipped_offsets(np.array(offsets)), atol=1e-6
+    )
 
 
 def test_poses_survive_as_quaternions() -> None:
@@ -116,7 +120,7 @@ def test_poses_survive_as_quaternions() -> None:
 def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
     episode = replace(make_episode(0, 1), poses={}, images={})
     for name, identity, expected in (
-        ("bare", {"task": "reach"}, "where its arms stand"),
+        ("bare", {"task": "reach"}, "the base poses of its arms"),
         (
             "scene",
             {"task": "reach", "scene": {"robots": [{"x_m": 0, "y_m": 0, "yaw_deg": 0}]}},
@@ -145,7 +149,7 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     train(make_store(1, 40), LOCAL, config, recipe, tmp_path / "agent1")
     policy, view, spec = load_policy(tmp_path / "agent1", "cpu")
     runner = DiffusionRunner(policy, view, spec)
-    assert not runner.looks  # no picture is ever drawn for it
+    assert not runner.needs_pictures  # no picture is ever drawn for it
     errors = []
     for seed in range(100, 110):  # never seen
         episode = make_episode(seed, 1)

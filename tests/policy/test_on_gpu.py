@@ -121,12 +121,15 @@ def test_a_policy_learns_and_acts_where_it_is_told(
 def act(policy: Policy, windows: Windows) -> torch.Tensor:
     """Two actions (T, A) of what two windows show, looked at anew."""
     pictures, rays, _ = windows.labelled(np.array([0, 3]))
-    features, _ = policy.look(pictures, rays if len(rays[0]) else None)
+    features, _ = policy.encode_centre_crops(pictures, rays if len(rays[0]) else None)
     batch = windows.batch(np.array([0, 3]), None)
     seen = features[:, None].expand(-1, batch.frames.shape[1], -1)
-    chances, context = policy.chances(seen, batch.proprio, batch.context), batch.context
-    if chances is not None:
-        subgoals, free = chances[..., :-1].argmax(dim=2), chances[..., -1] > 0.5
-        context = policy.in_phase(context, subgoals, free)
+    probabilities, context = (
+        policy.transition_probabilities(seen, batch.proprio, batch.context),
+        batch.context,
+    )
+    if probabilities is not None:
+        subgoals, may_go_on = probabilities[..., :-1].argmax(dim=2), probabilities[..., -1] > 0.5
+        context = policy.with_phases(context, subgoals, may_go_on)
     # Those of a runner are on the CPU, so that the noise does not depend on the device.
     return policy.act(seen, batch.proprio, context, [torch.Generator() for _ in range(len(seen))])

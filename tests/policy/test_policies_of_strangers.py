@@ -20,7 +20,7 @@ from rf_exp.artifacts import digest
 from rf_exp.errors import StageError
 from rf_exp.policy import LEARNER, MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
 from rf_exp.policy.bounds import merged
-from rf_exp.policy.learning.checkpoint import CONFIG, fill, read_tensors, write_tensors
+from rf_exp.policy.learning.checkpoint import CONFIG, load_tensors, read_tensors, write_tensors
 from rf_exp.policy.networks.heads import RefinedHead
 from rf_exp.store import Store
 
@@ -73,7 +73,7 @@ def acts(folder: Path) -> Tensor:
     policy, view, spec = load_policy(folder, "cpu")
     # It takes a second to be made, and computes the same.
     assert isinstance(policy.head, RefinedHead)
-    policy.head.diffusion.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
+    policy.head.diffusion.unet.traced = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     frames = policy.config.observation_steps
     features = torch.zeros(1, frames, policy.encoder.features)
     proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, spec.size(view))
@@ -111,8 +111,8 @@ def mutants(tensors: dict[str, Tensor]) -> Iterator[tuple[str, dict[str, Tensor]
             for other in others:
                 if other.shape != value.shape or other.dtype != value.dtype or why == "not finite":
                     yield why, {**rest, name: other}
-    yield "none of its tensors", {**tensors, "more": torch.zeros(3)}
-    yield "none of its tensors", {**tensors, "\x1b]0;more\x07": torch.zeros(3)}
+    yield "not one of its tensors", {**tensors, "more": torch.zeros(3)}
+    yield "not one of its tensors", {**tensors, "\x1b]0;more\x07": torch.zeros(3)}
     yield "and", {}
 
 
@@ -123,7 +123,7 @@ def test_other_tensors_than_its_configuration_has_are_refused(sound: Path, tmp_p
     assert len(found) > 9 * len(tensors)
     for why, changed in found:
         with pytest.raises(StageError, match=re.escape(why)) as refused:
-            fill(policy, changed, sound / MODEL)
+            load_tensors(policy, changed, sound / MODEL)
         assert str(refused.value).isprintable()
     for why, changed in found[-3:] + found[:: len(found) // 20]:  # as files, too
         assert why in refused_or_same(signed(sound, tmp_path / "theirs", tensors=changed), expected)
@@ -195,7 +195,7 @@ def test_nothing_is_made_of_a_size_that_no_machine_has(sound: Path, tmp_path: Pa
         value = [8, size] if isinstance(reduce(getitem, at, said), list) else size
         signed(sound, tmp_path / "theirs", changed(said, at, value))
         tracemalloc.start()
-        with pytest.raises(StageError, match=rf"config.json describes no policy: {name} is .*at most \d+"):
+        with pytest.raises(StageError, match=rf"not a valid policy configuration: {name} is .*at most \d+"):
             load_policy(tmp_path / "theirs", "cpu")
         assert tracemalloc.get_traced_memory()[1] < 50e6
         tracemalloc.stop()
@@ -243,10 +243,10 @@ def test_a_network_that_is_larger_than_its_file_is_refused_before_it_is_made(
         ('{"policy":' * DEEP + "1" + "}" * DEEP, "it holds no JSON"),
         ("[]", "holds a list; expected an object"),
         ("{}", "by version None of the learner"),
-        (f'{{"learner": {LEARNER}}}', "does not say 'view'"),
+        (f'{{"learner": {LEARNER}}}', "lacks the key 'view'"),
         ("3", "holds a int; expected an object"),
         ("", "it is empty"),
-        ('{"a": NaN}', "describes no policy"),
+        ('{"a": NaN}', "is not a valid policy configuration"),
     ],
 )  # fmt: skip
 def test_a_configuration_that_is_none(sound: Path, tmp_path: Path, content: str, message: str) -> None:

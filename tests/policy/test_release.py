@@ -28,7 +28,7 @@ from rf_exp.policy import (
     train,
     write_small,
 )
-from rf_exp.release import EXPERIMENT, read_release, unpacked
+from rf_exp.release import EXPERIMENT, expand_release, read_release
 from rf_exp.store import Store
 from tests.children import small_files
 from tests.conftest import CONF
@@ -105,7 +105,7 @@ def test_a_full_disk_or_a_size_that_is_too_large_leaves_the_release_that_was_the
     with small_files(limit), pytest.raises((OSError, StageError), match="File too large"):
         release(out / "policies" / PLACE.parent, tmp_path / "to")
     script = runpy.run_path(str(SCRIPT))
-    script["release"].__globals__["LARGEST_MB"] = 0.01
+    script["release"].__globals__["MAX_MB"] = 0.01
     with pytest.raises(ArgumentError, match=r"a release carries at most 0\.01"):
         script["release"](out / "policies" / PLACE.parent, tmp_path / "to")
     assert packed.read_bytes() == good
@@ -289,22 +289,24 @@ def test_a_release_is_evaluated_from_its_file(tmp_path: Path) -> None:
         file.write(packed(tmp_path / "made", said()) / EXPERIMENT, EXPERIMENT)
         file.writestr("../beside.txt", "no")
     for _ in range(2):  # the second time it is there
-        found = unpacked(["--config-dir", str(path), "experiment=released", "scenes=3"])
+        found = expand_release(["--config-dir", str(path), "experiment=released", "scenes=3"])
         assert {"scenes=3", f"out={tmp_path}/lift_barrier", "task=lift_barrier"} <= set(found)
     assert not (tmp_path / "beside.txt").exists() and (tmp_path / "lift_barrier" / EXPERIMENT).exists()
-    assert f"out={tmp_path}/x" in unpacked(["-cd", str(path), "experiment=released", f"out={tmp_path}/x"])
+    assert f"out={tmp_path}/x" in expand_release(
+        ["-cd", str(path), "experiment=released", f"out={tmp_path}/x"]
+    )
 
 
 def test_what_is_no_file_of_a_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.zip"
     path.write_bytes(b"nothing")
     with pytest.raises(ArgumentError, match=r"x\.zip cannot be unpacked: File is not a zip file"):
-        unpacked(["--config-dir", str(path), "experiment=released"])
+        expand_release(["--config-dir", str(path), "experiment=released"])
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("zeros", bytes(2**20))
-    monkeypatch.setattr("rf_exp.release.MOST_UNPACKED", 2**20 - 1)
+    monkeypatch.setattr("rf_exp.release.MAX_UNPACKED_BYTES", 2**20 - 1)
     with pytest.raises(ArgumentError, match="holds 1048576 bytes; a release has at most 1048575"):
-        unpacked(["--config-dir", str(path), "experiment=released"])
+        expand_release(["--config-dir", str(path), "experiment=released"])
     assert os.listdir(tmp_path) == ["x.zip"]
 
 
@@ -314,8 +316,8 @@ def test_without_a_release_arguments_stay_as_they_are(tmp_path: Path) -> None:
         ["--config-dir", "x", "experiment=ablation"],
         ["name=released"],
     ):
-        assert unpacked(arguments) == arguments
+        assert expand_release(arguments) == arguments
     with pytest.raises(
         ArgumentError, match=r"experiment/released.yaml is no experiment of a release: .*No such"
     ):
-        unpacked(["--config-dir", str(tmp_path), "experiment=released"])
+        expand_release(["--config-dir", str(tmp_path), "experiment=released"])

@@ -47,7 +47,7 @@ def moments(
             "commanded": rng.normal(size=(agents, 8)).astype(np.float32),
             **{f"rgb_{name}": rng.integers(0, 256, (*size, 3), np.uint8) for name in cameras},
         }
-        for _ in range(theirs.MOMENTS)
+        for _ in range(theirs.OBSERVATION_STEPS)
     ]
 
 
@@ -163,13 +163,13 @@ def test_checkpoints_act_in_a_scene_and_say_what_does_not_fit(tmp_path: Path) ->
     where = "policy 'theirs', scene 7, control step 0: the checkpoints command 1 arms, and the task has 2"
     with pytest.raises(StageError, match=where):
         rollout(Seeing(TWO), judge, [runner], 7, 8)
-    with pytest.raises(StageError, match=r"several moments, which only foreign\.factory shows"):
+    with pytest.raises(StageError, match=r"several observation steps, which only foreign\.factory"):
         checkpoint(path).act(moments((), 1)[0])
 
 
 def test_a_camera_that_is_not_there_or_takes_other_pictures_is_named() -> None:
     (seen, *_) = moments(("agent2",), 1, (24, 32))
-    with pytest.raises(StageError, match=r"camera 'agent1'; observed are rgb_agent2: foreign\.obs"):
+    with pytest.raises(StageError, match=r"camera 'agent1'; observed are rgb_agent2: set foreign\.obs"):
         picture(seen, "agent1", (24, 32))
     with pytest.raises(StageError, match=r"pictures 32 x 24, .*\{width: 48, height: 32\}"):
         picture(seen, "agent2", theirs.SIZE)
@@ -224,7 +224,7 @@ def test_what_dill_names_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     torch.save({"type": Dict(), "x": [torch.arange(6.0).reshape(2, 3).T]}, tmp_path / "a.ckpt")
     file = Checkpoint(tmp_path / "a.ckpt")
-    assert torch.equal(file.tensor(file.saved["x"][0]), torch.arange(6.0).reshape(2, 3).T)
+    assert torch.equal(file.tensor(file.contents["x"][0]), torch.arange(6.0).reshape(2, 3).T)
 
 
 def archive(saved: bytes, data: bytes = b"", compressed: bool = False) -> bytes:
@@ -261,7 +261,7 @@ def test_tensors_that_are_longer_than_their_file_are_refused(tmp_path: Path) -> 
         path.write_bytes(content)
         with pytest.raises(RfError, match=message):
             file = Checkpoint(path)
-            file.tensor(file.saved["x"])
+            file.tensor(file.contents["x"])
 
 
 def test_a_damaged_file_is_a_clear_error(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def random_policy(config: PolicyConfig, view: View, seed: int) -> Policy:
     policy.normaliser.fastest.fill_(FASTEST_RAD)
     # Traced, which takes a while for each policy, it computes the same to the last bit: test_networks.py.
     assert isinstance(policy.head, DiffusionHead)
-    policy.head.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
+    policy.head.unet.traced = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     return policy
 
 
@@ -201,7 +201,9 @@ def test_violations_are_counted_in_steps(make_runner) -> None:
 
 def test_a_monitor_sees_joints_as_they_are(make_runner, monkeypatch: pytest.MonkeyPatch) -> None:
     offset, seen = np.full((1, 7), 0.01), list[Scene]()
-    monkeypatch.setattr("rf_exp.constraints.checker.touching", lambda _, scene, *about: seen.append(scene))
+    monkeypatch.setattr(
+        "rf_exp.constraints.checker.contact_evidence", lambda _, scene, *about: seen.append(scene)
+    )
 
     class Off(Table):
         def scene(self) -> Scene:

@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.policy import Stream
-from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
+from rf_exp.policy.acting.self_calibration import CameraEstimate, camera_estimates
 from rf_exp.policy.inputs.pictures import rays_of
 from rf_exp.tasks import CameraSpec
-from rf_exp.transforms import planar, rotated
+from rf_exp.transforms import planar, rotation_matrix
 from rf_exp.types import Calibration, CameraModel
 
 BASE = planar(0.0, -0.75, np.pi / 2)
@@ -28,7 +28,7 @@ def rays(camera: CameraModel) -> NDArray[np.float64]:
 def displaced(rng: np.random.Generator) -> CameraModel:
     """By up to 5 cm along each axis, 5 degrees and 3 degrees of its field of view."""
     axis, pose = rng.normal(size=3), USUAL.world_from_camera.copy()
-    pose = pose @ rotated(np.deg2rad(5 * rng.uniform()) * axis / np.linalg.norm(axis))
+    pose = pose @ rotation_matrix(np.deg2rad(5 * rng.uniform()) * axis / np.linalg.norm(axis))
     pose[:3, 3] += rng.uniform(-0.05, 0.05, 3)
     return replace(USUAL, world_from_camera=pose, fov_y_rad=USUAL.fov_y_rad + np.deg2rad(rng.uniform(-3, 3)))
 
@@ -49,11 +49,11 @@ def off_m(believed: NDArray[np.float64], camera: CameraModel) -> float:
 
 def followed(camera: CameraModel, rng: np.random.Generator, mistaken: int | None = None) -> CameraEstimate:
     """Sees a hand go from its start to the goal; once it takes something else for it."""
-    (estimate,) = estimates(rays(USUAL)[None], (128, 96))
+    (estimate,) = camera_estimates(rays(USUAL)[None], (128, 96))
     for look in range(LOOKS):
         hand = START_M + (GOAL_M - START_M) * look / (LOOKS - 1)
         seen = place(camera, hand) + rng.normal(0, NOISE_PX, 2) / (128, 96)
-        estimate.see(hand[None], np.array([[0.1, 0.9]]) if look == mistaken else seen[None])
+        estimate.add_detections(hand[None], np.array([[0.1, 0.9]]) if look == mistaken else seen[None])
     return estimate
 
 
@@ -70,7 +70,7 @@ def test_one_that_stands_as_usual_is_hardly_moved_by_noise() -> None:
     rng = np.random.default_rng(1)
     off = [off_m(followed(USUAL, rng).rays, USUAL) for _ in range(10)]
     assert np.median(off) < 0.006
-    (fresh,) = estimates(rays(USUAL)[None], (128, 96))
+    (fresh,) = camera_estimates(rays(USUAL)[None], (128, 96))
     np.testing.assert_allclose(fresh.rays, rays(USUAL), atol=1e-12)
 
 
@@ -89,7 +89,7 @@ def test_a_hand_that_waits_where_it_is_mistaken_counts_once() -> None:
     for camera in (displaced(rng) for _ in range(5)):
         estimate = followed(camera, rng)
         for _ in range(30):
-            estimate.see(GOAL_M[None], place(camera, GOAL_M)[None] + 0.08)
+            estimate.add_detections(GOAL_M[None], place(camera, GOAL_M)[None] + 0.08)
         assert off_m(estimate.rays, camera) < 0.015
 
 
@@ -98,7 +98,7 @@ def test_each_camera_of_pictures_side_by_side_has_its_part(row: int) -> None:
     """Rays in the middle of its part do not turn with the lens."""
     cameras = {"one": USUAL, "other": replace(USUAL, fov_y_rad=1.0)}
     usual = rays_of(Calibration((BASE,), cameras), Stream("one", (1,), ("other",))).astype(float)
-    estimate = estimates(usual, (128, 96))[row]
+    estimate = camera_estimates(usual, (128, 96))[row]
     middle = np.array([(row + 0.5) / 2, 0.5, 1.0])
     forward = cameras[("one", "other")[row]].world_from_camera[:3, 2]
     np.testing.assert_allclose(estimate.rays[:, :3] @ middle, BASE[:3, :3].T @ forward, atol=1e-6)

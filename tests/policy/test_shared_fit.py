@@ -9,7 +9,7 @@ import pytest
 
 from rf_exp.artifacts import leaves
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, train
-from rf_exp.policy.config import LATER, KeypointsConfig
+from rf_exp.policy.config import LATER_DEFAULTS, KeypointsConfig
 from rf_exp.store import Store
 from tests.policy.conftest import rows, varied
 
@@ -31,10 +31,14 @@ OTHERWISE: dict[str, Any] = {  # in all that the encoder does not depend on
     **{"head.refined.regression_steps": 5, "acting.action_steps": 5},
     **{"acting.deadband_rad": 0.1, "acting.transition_integrator": 0.5},
 }
-UNSAID = {"noise", *LATER["encoder"]["keypoints"]}
+NOT_IN_CACHE_KEY = {"noise", *LATER_DEFAULTS["encoder"]["keypoints"]}
 SAME = {  # of which the encoder depends
     # But for those that came later and say nothing.
-    *(f"encoder.keypoints.{each.name}" for each in fields(KeypointsConfig) if each.name not in UNSAID),
+    *(
+        f"encoder.keypoints.{each.name}"
+        for each in fields(KeypointsConfig)
+        if each.name not in NOT_IN_CACHE_KEY
+    ),
     *("encoder.name", "height", "width"),
     *("context", "crop"),  # which an encoder of keypoints needs
     "phases",  # of which the spec has subgoals
@@ -65,8 +69,8 @@ def test_policies_that_differ_in_all_else_have_the_weights_that_they_would_have_
     one, two = leaves(first.identity), leaves(other.identity)
     assert {key for key in one if one[key] == two.get(key)} == SAME
     shared = tmp_path / "encoders"
-    train(store, LOCAL, first, budget, tmp_path / "first", shared=shared)
-    after = train(store, LOCAL, other, longer, tmp_path / "after", shared=shared)
+    train(store, LOCAL, first, budget, tmp_path / "first", fit_cache=shared)
+    after = train(store, LOCAL, other, longer, tmp_path / "after", fit_cache=shared)
     alone = train(store, LOCAL, other, longer, tmp_path / "alone")
     assert (after / MODEL).read_bytes() == (alone / MODEL).read_bytes()
     told = ("step", "loss", "learning_rate")
@@ -80,7 +84,9 @@ def test_policies_that_differ_in_all_else_have_the_weights_that_they_would_have_
 def test_what_it_costs_to_learn_them_is_counted_for_every_policy(
     store: Store, first: PolicyConfig, budget: TrainConfig, tmp_path: Path
 ) -> None:
-    made = train(store, LOCAL, first, replace(budget, log_every=STEPS), tmp_path / "first", shared=tmp_path)
+    made = train(
+        store, LOCAL, first, replace(budget, log_every=STEPS), tmp_path / "first", fit_cache=tmp_path
+    )
     seeing_s = float(rows(made)[0]["core_s"])
     other = train(
         store,
@@ -88,7 +94,7 @@ def test_what_it_costs_to_learn_them_is_counted_for_every_policy(
         varied(first, {"head.diffusion.loss": "l1"}),
         budget,
         tmp_path / "other",
-        shared=tmp_path,
+        fit_cache=tmp_path,
     )
     assert float(rows(other)[0]["core_s"]) > seeing_s
 
@@ -100,5 +106,5 @@ def test_those_that_see_otherwise_learn_their_own(
     shared = tmp_path / "encoders"
     noisy = varied(first, {"encoder.keypoints.shift_px": 1})
     for k, recipe in enumerate(((first, budget), (noisy, budget), (first, replace(budget, seed=1)))):
-        train(store, LOCAL, *recipe, tmp_path / str(k), shared=shared)
+        train(store, LOCAL, *recipe, tmp_path / str(k), fit_cache=shared)
         assert len(list(shared.iterdir())) == k + 1

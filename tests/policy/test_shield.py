@@ -13,7 +13,7 @@ from rf_exp.constraints import PolicyMonitor
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
 from rf_exp.observations import Observation
 from rf_exp.policy import Decision, Shield, rollout
-from rf_exp.policy.acting.shield import BACK_STEPS, SLOWING_RAD_S2, WAIT_LIMIT_STEPS
+from rf_exp.policy.acting.shield import RETREAT_STEPS, SLOWING_RAD_S2, WAIT_LIMIT_STEPS
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import NO_PICTURES, ConstraintSet, Rollout, RolloutStep, Scene, Verdict
@@ -170,7 +170,7 @@ def test_nobody_waits_for_ever() -> None:
         assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
         assert arrived(world, 1, far) and arrived(world, 2, far)
         back = [step.scene.step for step in told if "retracts" in (step.withheld or {}).values()]
-        assert 0 < len(back) <= BACK_STEPS
+        assert 0 < len(back) <= RETREAT_STEPS
 
 
 @pytest.mark.slow

@@ -7,9 +7,9 @@ import pytest
 
 from rf_exp.policy import Stream
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, tcp_poses
-from rf_exp.policy.inputs.rows import GRIPPER, narrow, wide
+from rf_exp.policy.inputs.rows import GRIPPER, unpadded_commands, with_padding
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
-from rf_exp.robots import DEFAULT, add_robot, known
+from rf_exp.robots import DEFAULT, add_robot, registry
 from rf_exp.transforms import planar
 from rf_exp.types import FINGERS
 from tests.robots.toy import toy
@@ -17,16 +17,16 @@ from tests.robots.toy import toy
 
 def test_rows_are_widened_before_the_hand_and_narrowed_again() -> None:
     command, measured = np.arange(14.0).reshape(2, 7), np.arange(16.0).reshape(2, 8)
-    assert wide(command, GRIPPER)[0].tolist() == [0, 1, 2, 3, 4, 5, 0, 6]
-    assert wide(measured, FINGERS)[0].tolist() == [0, 1, 2, 3, 4, 5, 0, 6, 7]
-    np.testing.assert_array_equal(narrow(wide(command, GRIPPER), 6), command)
+    assert with_padding(command, GRIPPER)[0].tolist() == [0, 1, 2, 3, 4, 5, 0, 6]
+    assert with_padding(measured, FINGERS)[0].tolist() == [0, 1, 2, 3, 4, 5, 0, 6, 7]
+    np.testing.assert_array_equal(unpadded_commands(with_padding(command, GRIPPER), 6), command)
     usual = np.zeros((3, 8))
-    assert wide(usual, GRIPPER) is usual and narrow(usual, 7) is usual
+    assert with_padding(usual, GRIPPER) is usual and unpadded_commands(usual, 7) is usual
 
 
 def test_joints_of_an_arm_with_six_follow_its_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a Panda: of both the joints that are a little off are led to where the hands are predicted."""
-    monkeypatch.setattr(known, "_KNOWN", {DEFAULT.name: DEFAULT})
+    monkeypatch.setattr(registry, "_ROBOTS", {DEFAULT.name: DEFAULT})
     arm = toy(tmp_path)
     add_robot(arm)
     spec, bases = ObservationSpec(robots=("panda", "toy")), [planar(0.0, -0.6, 1.5), planar(0.5, 0.6, -1.5)]

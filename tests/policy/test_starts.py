@@ -6,9 +6,9 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import Policy, PolicyConfig, Stream, Windows, views
-from rf_exp.policy.examples.keypoints import HAND, HEADING
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, of_agent, tcp_poses
-from rf_exp.policy.networks.keypoint_encoder import OUT
+from rf_exp.policy.examples.keypoints import GRIPPER_POINTS, HEADING_SIZE
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, own_tcp_and_changes, tcp_poses
+from rf_exp.policy.networks.keypoint_encoder import KEYPOINT_SIZE
 from rf_exp.store import Store
 from rf_exp.transforms import Matrix
 from rf_exp.types import Arch
@@ -46,7 +46,7 @@ def test_an_arm_that_started_elsewhere_joins_what_was_demonstrated(
         chosen = np.arange(len(windows))
         usual, other = windows.batch(chosen, None), windows.batch(chosen, np.random.default_rng(0))
         again = windows.batch(chosen, np.random.default_rng(0))
-        assert usual.hands is None and other.hands is not None
+        assert usual.gripper_offsets is None and other.gripper_offsets is not None
         torch.testing.assert_close(other.context, again.context, rtol=0, atol=0)
         agents = len(view.streams[0].agents)
         for number, stream in enumerate(view.streams):
@@ -62,7 +62,7 @@ def test_an_arm_that_started_elsewhere_joins_what_was_demonstrated(
                 assert (moved[closed] == 0).all()
                 torch.testing.assert_close(other.action[mine][closed], usual.action[mine][closed])
                 # Hands and commands follow the joints; grippers do not.
-                told = of_agent(other.context[mine, 0], row)[0]
+                told = own_tcp_and_changes(other.context[mine, 0], row)[0]
                 torch.testing.assert_close(
                     told,
                     hands(windows.spec, stream, now.unflatten(1, (1, 7)).repeat(1, agents, 1))[:, row],
@@ -91,8 +91,8 @@ def test_of_an_offset_less_is_left_the_farther_the_arm_has_gone(make_store, else
     windows = Windows(make_store(1, 3), views(ARCHS[3], 1)[0], elsewhere, CPU)
     steps = np.arange(STEPS)
     usual, other = windows.batch(steps, None), windows.batch(steps, np.random.default_rng(1))
-    assert windows._starts is not None
-    left = windows._starts.left[:STEPS, 0]
+    assert windows._start_offsets is not None
+    left = windows._start_offsets.remaining[:STEPS, 0]
     assert left[0] == 1 and (np.diff(left) <= 0).all() and left[STEPS - 7] == 0
     assert np.ptp(left[:STILL]) == 0
     part = ((other.proprio - usual.proprio)[:, 0, :7]).numpy() / np.where(left > 0, left, 1)[:, None]
@@ -107,17 +107,19 @@ def test_only_the_own_hands_of_now_are_seen_elsewhere(make_store, elsewhere: Pol
     batch = windows.batch(np.arange(4), np.random.default_rng(2))
     policy = Policy(elsewhere, view, windows.spec)
     features = torch.randn(4, 1, policy.encoder.features)
-    assert batch.hands is not None
-    change = policy.encoder.moved(features, batch.hands) - features
+    assert batch.gripper_offsets is not None
+    change = policy.encoder.displaced(features, batch.gripper_offsets) - features
     own = windows.spec.keyframes + 1  # behind the keyframes of the one own agent
-    now = change[:, 0, own * OUT : (own + 1) * OUT]
-    assert (now[:, :3].abs().sum(dim=1) > 0).all() and (now[:, 3 * len(HAND) + HEADING :] == 0).all()
+    now = change[:, 0, own * KEYPOINT_SIZE : (own + 1) * KEYPOINT_SIZE]
+    assert (now[:, :3].abs().sum(dim=1) > 0).all() and (
+        now[:, 3 * len(GRIPPER_POINTS) + HEADING_SIZE :] == 0
+    ).all()
     expected = (
-        of_agent(batch.context, 0)[0][:, 0, :3]
-        - of_agent(windows.batch(np.arange(4), None).context, 0)[0][:, 0, :3]
+        own_tcp_and_changes(batch.context, 0)[0][:, 0, :3]
+        - own_tcp_and_changes(windows.batch(np.arange(4), None).context, 0)[0][:, 0, :3]
     )
     torch.testing.assert_close(now[:, :3], expected, atol=1e-5, rtol=0)
-    change[:, 0, own * OUT : (own + 1) * OUT] = 0
+    change[:, 0, own * KEYPOINT_SIZE : (own + 1) * KEYPOINT_SIZE] = 0
     assert (change == 0).all()
 
 

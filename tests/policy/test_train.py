@@ -394,7 +394,7 @@ def test_a_full_disk_is_named_with_the_file_and_leaves_the_one_before(tmp_path: 
     with small_files(10_000), pytest.raises(StageError) as told:
         write_tensors(path, {"weight": torch.ones(10_000)}, {"step": "2"})
     assert re.fullmatch(
-        rf"cannot write {path}: .*File too large.*; make room there, the same command goes on from here",
+        rf"cannot write {path}: .*File too large.*; free some space there, the same command goes on from .*",
         str(told.value),
     )
     tensors, said = read_tensors(path)

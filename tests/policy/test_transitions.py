@@ -10,9 +10,9 @@ def predicted(go: float, *subgoals: float) -> np.ndarray:
     return np.array([[*subgoals, go]])
 
 
-def steps_until_free(bound: float, chances: np.ndarray, most: int = 50) -> int | None:
+def steps_until_free(bound: float, probabilities: np.ndarray, most: int = 50) -> int | None:
     transitions = TransitionIntegrator(bound)
-    return next((count for count in range(1, most) if transitions(chances)[1][0]), None)
+    return next((count for count in range(1, most) if transitions(probabilities)[1][0]), None)
 
 
 @pytest.mark.parametrize("go", [0.05, 0.2, 0.4, 0.5])
@@ -39,8 +39,8 @@ def test_what_changes_begins_the_sum_anew() -> None:
 
 def test_each_agent_waits_for_itself() -> None:
     transitions = TransitionIntegrator(1.0)
-    chances = np.array([[1.0, 0.0, 0.4], [1.0, 0.0, 0.3]])
-    assert [transitions(chances)[1].tolist() for _ in range(4)] == [
+    probabilities = np.array([[1.0, 0.0, 0.4], [1.0, 0.0, 0.3]])
+    assert [transitions(probabilities)[1].tolist() for _ in range(4)] == [
         [False, False],
         [False, False],
         [True, False],
@@ -50,8 +50,8 @@ def test_each_agent_waits_for_itself() -> None:
 
 def test_where_no_subgoal_has_half_of_the_sum_it_goes_on_at_the_likeliest() -> None:
     transitions = TransitionIntegrator(1.0)
-    chances = predicted(0.45, *[0.15] * 5, 0.25)
-    found = [transitions(chances) for _ in range(3)]
+    probabilities = predicted(0.45, *[0.15] * 5, 0.25)
+    found = [transitions(probabilities) for _ in range(3)]
     assert [(int(numbers[0]), bool(free[0])) for numbers, free in found] == [
         (5, False),
         (5, False),
@@ -62,5 +62,5 @@ def test_where_no_subgoal_has_half_of_the_sum_it_goes_on_at_the_likeliest() -> N
 @pytest.mark.parametrize(("ahead", "number"), [(0.21, 1), (0.19, 0)])
 def test_it_goes_on_at_the_later_subgoal_if_half_of_its_chances_are_there(ahead: float, number: int) -> None:
     transitions = TransitionIntegrator(1.0)
-    chances = predicted(0.4, 1 - ahead, ahead)
-    assert [transitions(chances)[0][0] for _ in range(3)] == [0, 0, number]
+    probabilities = predicted(0.4, 1 - ahead, ahead)
+    assert [transitions(probabilities)[0][0] for _ in range(3)] == [0, 0, number]

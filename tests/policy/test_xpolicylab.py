@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from examples.foreign.xpolicylab import Adapter
-from rf_exp.client import Contract, checked
+from rf_exp.client import Contract, validate_chunk
 
 
 class Model:
@@ -30,10 +30,10 @@ class Model:
 
 
 def test_two_arms_are_left_and_right() -> None:
-    model, observation = Model(), Contract(2, width=8, height=6).made_up()
+    model, observation = Model(), Contract(2, width=8, height=6).synthetic_observation()
     policy = Adapter(model, arms=2)
     policy.reset(7)
-    chunk = checked(policy.infer(observation)["actions"], 2)
+    chunk = validate_chunk(policy.infer(observation)["actions"], 2)
     assert chunk.shape == (3, 2, 8) and model.resets == 1
     np.testing.assert_allclose(chunk[:, :, :7], observation["qpos"][:, :7] + np.arange(3)[:, None, None] / 10)
     np.testing.assert_allclose(chunk[..., 7], 1)  # as open as they are seen
@@ -46,9 +46,9 @@ def test_two_arms_are_left_and_right() -> None:
 
 
 def test_one_arm_has_no_side_and_three_have_no_names() -> None:
-    model, observation = Model(), Contract(1, cameras="local", width=8, height=6).made_up()
+    model, observation = Model(), Contract(1, cameras="local", width=8, height=6).synthetic_observation()
     observation["qpos"][0, 7:] = 0  # closed
-    chunk = checked(Adapter(model, arms=1).infer(observation)["actions"], 1)
+    chunk = validate_chunk(Adapter(model, arms=1).infer(observation)["actions"], 1)
     assert chunk.shape == (3, 1, 8) and (chunk[..., 7] == -1).all()
     (told,) = model.observed
     assert told["state"].keys() == {"arm_joint_state", "ee_joint_state"}

@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 from omegaconf import OmegaConf
 
-from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen import EpisodeGenerator, Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs.central import CentralEnv
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import PlanningScene
-from rf_exp.robots import DEFAULT, Arm, Finger, Hand, Robot, add_robot, known, robot_named
+from rf_exp.robots import DEFAULT, Arm, Finger, Hand, Robot, add_robot, registry, robot_named
 from rf_exp.robots.kinematics import Numeric
 from rf_exp.sim import Simulator
 from rf_exp.store import Store, command_names, joint_names
@@ -46,7 +46,7 @@ def six(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 @pytest.fixture(autouse=True)
 def only_the_usual_robots(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(known, "_KNOWN", {DEFAULT.name: DEFAULT})
+    monkeypatch.setattr(registry, "_ROBOTS", {DEFAULT.name: DEFAULT})
 
 
 @pytest.fixture(params=["six", "xarm7"])
@@ -106,7 +106,7 @@ def test_every_posture_that_is_found_puts_the_tcp_there_within_the_limits(robot:
     which, _ = np.nonzero(there)
     np.testing.assert_allclose(robot.tcp_pose(found[there]), poses[which], atol=1e-7)
     assert ((found[there] >= robot.limits_rad[0]) & (found[there] <= robot.limits_rad[1])).all()
-    if robot.spare:
+    if robot.is_redundant:
         np.testing.assert_allclose(
             np.cos(found[there][:, -1]), np.cos(joints[which, -1]), atol=1e-12
         )  # as it was given
@@ -125,7 +125,7 @@ def test_near_rest_the_posture_itself_is_found_again(robot: Robot) -> None:
 
 def test_out_of_reach_there_is_none(robot: Robot) -> None:
     arm, far = Arm(robot, np.eye(4)), planar(2.0, 0.0, 0.0, 0.3)
-    assert np.isnan(arm.postures(far, arm.facing(far))).all()
+    assert np.isnan(arm.postures(far, arm.preferred_last_rad(far))).all()
     assert arm.solve(far, np.array(robot.rest_rad)) is None
 
 
@@ -202,7 +202,7 @@ def test_the_planning_scene_has_the_links_of_each(mixed: Task, six: Robot) -> No
 def test_two_kinds_of_arms_build_a_stack_and_are_stored(mixed: Task, six: Robot, tmp_path: Path) -> None:
     settings = Settings.configured(mixed, ConstraintSet("full"), ScriptedSpec())
     with Simulator(mixed, render=False) as world:
-        outcome = EpisodeMaker(settings, world, settings.make_brain(0)).make(0)
+        outcome = EpisodeGenerator(settings, world, settings.make_brain(0)).make(0)
     assert outcome.success and outcome.episode is not None, outcome.reason
     episode = outcome.episode
     assert episode.qpos.shape[1:] == (2, 9) and episode.action.shape[1:] == (2, 8)
@@ -215,14 +215,14 @@ def test_two_kinds_of_arms_build_a_stack_and_are_stored(mixed: Task, six: Robot,
     np.testing.assert_array_equal(again.qpos, episode.qpos)
     assert [model.title for model in again.models] == [DEFAULT.title, six.title]
     assert command_names(again.attrs, 2) == (*six.joints, "unused7", "gripper")
-    assert joint_names(again.attrs, 1) == DEFAULT.measured
+    assert joint_names(again.attrs, 1) == DEFAULT.qpos_names
     assert joint_names(again.attrs)[-3:] == ("joint7", "finger1", "finger2")
 
 
 def test_a_store_of_one_kind_has_its_sizes(six: Robot, tmp_path: Path) -> None:
     with Store.create(tmp_path / "s.zarr", {"task": "t"}, 1, (), 0, 0, robots=[six]) as store:
         assert store.qpos.shape == (0, 1, 8) and store.action.shape == (0, 1, 7)
-        assert command_names(store.attrs) == six.told
+        assert command_names(store.attrs) == six.command_names
     with Store.create(tmp_path / "usual.zarr", {"task": "t"}, 1, (), 0, 0, robots=[DEFAULT]) as store:
         assert "robots" not in store.attrs  # as stores from before they said
 

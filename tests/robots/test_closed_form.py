@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.robots.closed_form import BRANCHES, OTHER_SIGN, postures
+from rf_exp.robots.closed_form import BRANCHES, OPPOSITE_BRANCH, postures
 from rf_exp.transforms import planar
 
 LOW, HIGH = LIMITS = DEFAULT.limits_rad
@@ -54,7 +54,7 @@ def test_an_arm_that_crosses_over_its_shoulder_goes_on_in_the_branch_of_the_othe
     found = postures(DEFAULT.tcp_pose(path), path[:, 6], LIMITS)
     away = np.nan_to_num(np.abs(found - path[:, None]).max(axis=-1), nan=np.inf)
     first, last = away.argmin(axis=1)[[0, -1]]
-    assert away.min(axis=1).max() < 1e-7 and last == OTHER_SIGN[first]
+    assert away.min(axis=1).max() < 1e-7 and last == OPPOSITE_BRANCH[first]
 
 
 def test_facing_a_pose_of_a_tilted_tool_the_arm_is_upright():
@@ -64,20 +64,20 @@ def test_facing_a_pose_of_a_tilted_tool_the_arm_is_upright():
         low, high = (-1.5, -0.1, 0, -2.4, -0.15, -0.2, -1.0), (1.5, 0.8, 0, -1.4, 0.15, 0.2, 1.5)
         joints = rng.uniform(low, high)
         joints[5] += joints[1] - joints[3]  # with which it would point straight down
-        found = arm.postures(arm.tcp(joints), arm.facing(arm.tcp(joints)))
+        found = arm.postures(arm.tcp(joints), arm.preferred_last_rad(arm.tcp(joints)))
         assert np.nanmin(np.abs(found - joints).max(axis=1)) < 1e-5
 
 
 def test_out_of_reach_the_last_joint_is_that_of_a_tool_that_points_down():
     arm = Arm(DEFAULT, planar(0.0, 0.0, 0.0))
     tcp = planar(2.0, 0.0, 0.0, 0.15) @ np.diag([1.0, -1.0, -1.0, 1.0])
-    assert arm.facing(tcp) == pytest.approx(np.pi / 4)
+    assert arm.preferred_last_rad(tcp) == pytest.approx(np.pi / 4)
 
 
 def test_facing_a_pose_the_arm_is_upright():
     arm = Arm(DEFAULT, planar(0.2, -0.7, 1.2))
     for yaw in (0.6, 1.2, 1.9):
         tcp = planar(0.45, -0.2, yaw, 0.15) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        found = arm.postures(tcp, arm.facing(tcp))
+        found = arm.postures(tcp, arm.preferred_last_rad(tcp))
         swivel = np.abs(found[:, [2, 4]]).max(axis=1)
         assert np.nanmin(swivel) < 1e-6

@@ -17,13 +17,13 @@ from rf_exp.robots import DEFAULT, meshes
 @pytest.fixture
 def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    meshes.light_urdf.cache_clear()
+    meshes.simplified_urdf.cache_clear()
     yield tmp_path
-    meshes.light_urdf.cache_clear()
+    meshes.simplified_urdf.cache_clear()
 
 
 def test_an_arm_has_about_eight_thousand_triangles() -> None:
-    light = meshes.light_meshes(DEFAULT)
+    light = meshes.simplified_meshes(DEFAULT)
     assert set(light) == set(DEFAULT.links)
     assert 7_000 < sum(len(faces) for _, faces, _ in light.values()) < 9_000
     for vertices, faces, colours in light.values():
@@ -33,7 +33,7 @@ def test_an_arm_has_about_eight_thousand_triangles() -> None:
 
 def test_every_link_keeps_its_shape_and_its_colours() -> None:
     folder = DEFAULT.urdf_path.parent / "franka_description/meshes/visual"
-    light = meshes.light_meshes(DEFAULT)
+    light = meshes.simplified_meshes(DEFAULT)
     for link in DEFAULT.links[:-2]:
         full = trimesh.load_scene(folder / f"{link.removeprefix('panda_')}.glb")
         vertices = light[link][0]
@@ -47,14 +47,14 @@ def test_every_link_keeps_its_shape_and_its_colours() -> None:
 
 def test_the_fingers_face_one_another() -> None:
     """The right finger's visual is turned in its link; in the frame of the link it must mirror the left."""
-    light = meshes.light_meshes(DEFAULT)
+    light = meshes.simplified_meshes(DEFAULT)
     left, right = (light[f"panda_{side}finger"][0] for side in ("left", "right"))
     assert left[:, 1].max() == pytest.approx(-right[:, 1].min(), abs=1e-4)
 
 
 def test_collisions_and_excused_pairs_are_the_originals() -> None:
     """Without the SRDF beside it, the simulator would let neighbouring links collide."""
-    light, source = meshes.light_urdf(DEFAULT), DEFAULT.urdf_path
+    light, source = meshes.simplified_urdf(DEFAULT), DEFAULT.urdf_path
     assert light.with_suffix(".srdf").read_bytes() == source.with_suffix(".srdf").read_bytes()
 
     def collisions(path: Path) -> list[tuple]:
@@ -74,18 +74,20 @@ def test_collisions_and_excused_pairs_are_the_originals() -> None:
 
 @pytest.mark.slow
 def test_meshes_are_made_once(empty_cache: Path) -> None:
-    first = meshes.light_urdf(DEFAULT)
+    first = meshes.simplified_urdf(DEFAULT)
     assert first.is_relative_to(empty_cache)
     written = {path: path.stat().st_mtime_ns for path in first.parent.iterdir()}
-    meshes.light_urdf.cache_clear()
-    assert meshes.light_urdf(DEFAULT) == first
+    meshes.simplified_urdf.cache_clear()
+    assert meshes.simplified_urdf(DEFAULT) == first
     assert {path: path.stat().st_mtime_ns for path in first.parent.iterdir()} == written
     assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]  # nothing left over
 
 
 @pytest.mark.slow
 def test_processes_that_start_together_find_the_same_meshes(empty_cache: Path) -> None:
-    code = "from rf_exp.robots import DEFAULT, light_urdf; DEFAULT.meshes; print(light_urdf(DEFAULT))"
+    code = (
+        "from rf_exp.robots import DEFAULT, simplified_urdf; DEFAULT.meshes; print(simplified_urdf(DEFAULT))"
+    )
     runs = [
         subprocess.Popen(
             [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -93,16 +95,16 @@ def test_processes_that_start_together_find_the_same_meshes(empty_cache: Path) -
         for _ in range(3)
     ]
     results = [run.communicate() for run in runs]
-    assert {out for out, _ in results} == {f"{meshes.light_urdf(DEFAULT)}\n"}, results
+    assert {out for out, _ in results} == {f"{meshes.simplified_urdf(DEFAULT)}\n"}, results
     assert len(list((empty_cache / "rf_exp").iterdir())) == 1
 
 
 def test_a_cache_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    meshes.light_urdf.cache_clear()
+    meshes.simplified_urdf.cache_clear()
     with pytest.raises(StageError) as error:
-        meshes.light_urdf(DEFAULT)
+        meshes.simplified_urdf(DEFAULT)
     assert str(error.value) == (
         f"cannot write the mesh cache {meshes.cache_folder(DEFAULT)}: Not a directory; "
         "set XDG_CACHE_HOME to a writable folder"

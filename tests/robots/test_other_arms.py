@@ -9,7 +9,7 @@ import pytest
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.robots import DEFAULT, Arm, Mounted, Robot, mounted, robot_named
-from rf_exp.robots.known import PANDA_URDF
+from rf_exp.robots.registry import PANDA_URDF
 from rf_exp.transforms import planar
 
 XARM7, UR5 = robot_named("xarm7"), robot_named("ur5")
@@ -56,7 +56,7 @@ def robot(request: pytest.FixtureRequest, ur5: Robot) -> Robot:
 
 def drawn(robot: Robot, count: int) -> np.ndarray:
     low, high = np.clip(robot.limits_rad, -np.pi, np.pi)
-    low = np.where(np.arange(robot.dof) == 5, np.maximum(low, -np.pi / 2), low) if robot.spare else low
+    low = np.where(np.arange(robot.dof) == 5, np.maximum(low, -np.pi / 2), low) if robot.is_redundant else low
     return np.random.default_rng(3).uniform(low, high, (count, robot.dof))
 
 
@@ -105,7 +105,7 @@ def test_poses_and_last_joints_are_broadcast(robot: Robot) -> None:
     poses, turns = robot.tcp_pose(drawn(robot, 4)), np.linspace(-2, 2, 5)
     found = robot.solver.postures(poses[:, None], turns, robot.limits_rad)
     assert found.shape == (4, 5, 8, robot.dof)
-    assert robot.solver.facing(poses).shape == (4,)
+    assert robot.solver.preferred_last_rad(poses).shape == (4,)
 
 
 def test_hands_are_right_where_they_rest_and_out_of_reach_there_is_no_posture(robot: Robot) -> None:
@@ -115,7 +115,7 @@ def test_hands_are_right_where_they_rest_and_out_of_reach_there_is_no_posture(ro
         np.testing.assert_allclose(tcp[:3, :3], np.diag([1.0, -1.0, -1.0]), atol=1e-3)
         assert abs(tcp[1, 3]) < 1e-3 and 0.15 < tcp[2, 3] < 0.35
     far = planar(2.0, 0.0, 0.0, 0.3)
-    assert np.isnan(arm.postures(far, arm.facing(far))).all()
+    assert np.isnan(arm.postures(far, arm.preferred_last_rad(far))).all()
 
 
 # -- URDFs ---------------------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ def test_the_same_parts_are_the_same_robot_wherever_they_are_kept(
 ) -> None:
     before = XARM7.identity["urdf"]
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(mounted, "_made", mounted._made.__wrapped__)
+    monkeypatch.setattr(mounted, "_combined_urdf", mounted._combined_urdf.__wrapped__)
     assert XARM7.urdf_path.is_relative_to(tmp_path)
     assert XARM7.identity["urdf"] == before
 
@@ -161,7 +161,7 @@ def test_what_is_not_installed_is_named_with_what_brings_it(monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"flange": "nose"}, "has no link 'nose' for a hand to be screwed to"),
+        ({"flange": "nose"}, "has no link 'nose' to mount the hand on"),
         ({"root": "thumb"}, "the URDF of 'panda' has no link 'thumb'"),
     ],
 )

@@ -38,7 +38,7 @@ def test_every_camera_gives_a_picture(simulator: Simulator) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [law for law in LAWS if law.pictures], ids=str)
 def test_a_law(simulator: Simulator, law: Law) -> None:
-    assert not list(law.broken(simulator)), law.says
+    assert not list(law.violations(simulator)), law.sentence
 
 
 @pytest.mark.slow
@@ -110,8 +110,8 @@ def test_light_meshes_look_practically_like_the_full_ones(
     lift_barrier: Task, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures = []
-    for urdf in (robots.light_urdf(DEFAULT), StockPanda.urdf_path):
-        monkeypatch.setattr(robots, "light_urdf", lambda robot, urdf=urdf: urdf)
+    for urdf in (robots.simplified_urdf(DEFAULT), StockPanda.urdf_path):
+        monkeypatch.setattr(robots, "simplified_urdf", lambda robot, urdf=urdf: urdf)
         with Simulator(lift_barrier) as simulator:
             simulator.reset(0)
             pictures.append(simulator.images())

@@ -9,7 +9,7 @@ import trimesh
 from sapien import physx
 
 from rf_exp.errors import ArgumentError
-from rf_exp.sim.stock import solids
+from rf_exp.sim.third_party import solids
 
 AT = sapien.Pose([0.1, 0.2, 0.3], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # a quarter turn about z
 BALL_M3 = 4 / 3 * np.pi * 0.02**3

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.datagen import EpisodeMaker, NullObserver, Outcome, Settings
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Outcome, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Finding
-from rf_exp.geometry import PlanningScene, beside, shared, voxels
-from rf_exp.perception import look
-from rf_exp.sim import Limited, Simulator
+from rf_exp.geometry import PlanningScene, shared, voxels, within_margin
+from rf_exp.perception import occupied_voxels
+from rf_exp.sim import CameraSubset, Simulator
 from rf_exp.tasks import ObjectSpec, Task
 from rf_exp.types import ConstraintSet, Occupancy, Scene
 from tests.conftest import read_task
@@ -36,9 +36,9 @@ class Looking(NullObserver):
             return
         world, planning_scene = self.world, PlanningScene(self.world.task, scene)
         free = [name for name in world.task.objects if name not in scene.held]
-        filled = {name: voxels(planning_scene.standing([name])) for name in free}
-        seen = look(world.depth(), world.camera_models(), planning_scene)
-        stray = seen[~beside(seen, planning_scene.standing(free), SURFACE_M)]
+        filled = {name: voxels(planning_scene.static_objects([name])) for name in free}
+        seen = occupied_voxels(world.depth(), world.camera_models(), planning_scene)
+        stray = seen[~within_margin(seen, planning_scene.static_objects(free), SURFACE_M)]
         assert len(stray) == 0, (scene.step, stray)
         numbers, images = world.bodies(), world.segmentation()
         for name in free:
@@ -53,7 +53,7 @@ def make(
     task: Task, world: Simulator, occupancy: Occupancy, observer: NullObserver, seed: int = 0
 ) -> Outcome:
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), occupancy=occupancy)
-    return EpisodeMaker(settings, Limited(world), ScriptedBrain(), observer).make(seed)
+    return EpisodeGenerator(settings, CameraSubset(world), ScriptedBrain(), observer).make(seed)
 
 
 @pytest.mark.render

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.sim import Simulator
-from rf_exp.tasks import NONE, SuccessEvaluator, Variation
+from rf_exp.tasks import NO_VARIATION, SuccessEvaluator, Variation
 from rf_exp.types import Scene, joints_of
 from tests.conftest import read_task
 
@@ -26,7 +26,7 @@ def moved(variation: Variation, steps: int = 12) -> tuple[NDArray, NDArray]:
 
 
 def test_commands_that_are_late_are_carried_out_as_many_steps_later() -> None:
-    exact, _ = moved(NONE)
+    exact, _ = moved(NO_VARIATION)
     late, commands = moved(Variation("late", delay_s=(0.15, 0.15)))
     np.testing.assert_allclose(late[:3], late[:1].repeat(3, axis=0), atol=1e-4)  # it stands still as yet
     np.testing.assert_allclose(late[3:], exact[:-3], atol=1e-4)
@@ -42,7 +42,7 @@ def impaired(variation: Variation) -> int:
 
 def test_one_arm_alone_is_late() -> None:
     variation = Variation("late_arm", arm_delay_s=0.2)
-    (exact, _), (late, _), row = moved(NONE), moved(variation), impaired(variation)
+    (exact, _), (late, _), row = moved(NO_VARIATION), moved(variation), impaired(variation)
     np.testing.assert_allclose(late[4:, row], exact[:-4, row], atol=1e-4)
     np.testing.assert_allclose(late[:, 1 - row], exact[:, 1 - row], atol=1e-6)
 
@@ -50,7 +50,7 @@ def test_one_arm_alone_is_late() -> None:
 def test_one_arm_alone_is_slow() -> None:
     """It is sent on by 0.02 rad a step, and follows by 0.01."""
     variation = Variation("slow_arm", arm_speed_rad_s=0.2)
-    (exact, _), (slow, _), row = moved(NONE), moved(variation), impaired(variation)
+    (exact, _), (slow, _), row = moved(NO_VARIATION), moved(variation), impaired(variation)
     way = slow[-1, row, [1, 3]] - slow[0, row, [1, 3]]
     np.testing.assert_allclose(way, (exact[-1, row, [1, 3]] - exact[0, row, [1, 3]]) / 2, rtol=0.1)
     np.testing.assert_allclose(slow[:, 1 - row], exact[:, 1 - row], atol=1e-6)
@@ -67,7 +67,7 @@ def test_the_camera_of_one_agent_alone_is_dark() -> None:
 
 def test_joints_that_measure_wrongly_go_where_they_believe_to_be_sent() -> None:
     variation = Variation("encoders", joint_offset_deg=2.0)
-    exact, _ = moved(NONE)
+    exact, _ = moved(NO_VARIATION)
     measured, commands = moved(variation)
     offset = np.array(replace(CLEAN, variation=variation).start(SEED).devices.joint_offset_rad)
     assert 0.01 < np.abs(offset).max() < np.deg2rad(2)
@@ -88,7 +88,7 @@ def test_judges_see_joints_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     offset = np.array(start.devices.joint_offset_rad)
     np.testing.assert_allclose(joints_of(scene.qpos) - joints_of(judged[0].qpos), offset, atol=1e-12)
     np.testing.assert_allclose(judged[0].qpos, start.qpos, atol=1e-6)
-    assert judged[0].true is judged[0]
+    assert judged[0].with_true_joints is judged[0]
 
 
 def test_arms_stand_where_they_were_drawn() -> None:
@@ -97,13 +97,13 @@ def test_arms_stand_where_they_were_drawn() -> None:
     )
     with Simulator(usual, render=False) as world:
         world.reset(SEED)
-        assert world.task == usual.of(SEED) != usual
+        assert world.task == usual.in_scene(SEED) != usual
         bases = [robot.pose.sp.to_transformation_matrix() for robot in (a.robot for a in world._env.arms)]
-        for found, robot in zip(bases, usual.of(SEED).robots, strict=True):
+        for found, robot in zip(bases, usual.in_scene(SEED).robots, strict=True):
             np.testing.assert_allclose(found, robot.world_from_base, atol=1e-6)
             assert robot.z_m == pytest.approx(-0.02)
         world.reset(SEED + 1)
-        assert world.task == usual.of(SEED + 1)
+        assert world.task == usual.in_scene(SEED + 1)
 
 
 @pytest.mark.render
@@ -115,7 +115,7 @@ def test_cameras_see_from_where_they_were_drawn() -> None:
     with Simulator(usual, width_px=128, height_px=96) as world:
         world.reset(SEED)
         models, depth, bodies = world.camera_models(), world.depth(), world.segmentation()
-        for name, spec in usual.of(SEED).cameras.items():
+        for name, spec in usual.in_scene(SEED).cameras.items():
             pose = models[name].world_from_camera
             np.testing.assert_array_equal(pose, spec.world_from_camera)
             rows, columns = np.nonzero(bodies[name] == world.bodies()["table"][0])

@@ -32,11 +32,11 @@ def world(task: Task) -> Iterator[Simulator]:
 def opened_deg(task: Task, world: Simulator, seconds: float, from_deg: float) -> list[float]:
     """How far the lid is open in each control step after it was let go so far open."""
     scene, found = world.reset(0), []
-    pose = task.hung("lid", scene.poses, np.deg2rad(from_deg))
+    pose = task.hinged_poses("lid", scene.poses, np.deg2rad(from_deg))
     world._loaded.bodies["lid"].set_pose(sapien_pose(pose))
     for _ in range(round(seconds * CONTROL_HZ)):
         scene = world.step(world.command)
-        found.append(float(np.rad2deg(task.opened_rad("lid", scene.poses))))
+        found.append(float(np.rad2deg(task.hinge_rad("lid", scene.poses))))
     return found
 
 
@@ -61,8 +61,8 @@ def test_it_keeps_to_its_axis_however_it_is_pushed(task: Task, world: Simulator)
         body.add_force_torque([0.0, 0.0, 0.0], list(TWISTING_N_M))
         world._loaded.physics.step()
         pose = lid.pose.to_transformation_matrix().astype(float)
-        opened_rad = task.opened_rad("lid", {**start.poses, "lid": pose})
-        meant = task.hung("lid", start.poses, opened_rad)
+        hinge_rad = task.hinge_rad("lid", {**start.poses, "lid": pose})
+        meant = task.hinged_poses("lid", start.poses, hinge_rad)
         off = inverse(meant) @ pose
         assert np.abs(off[:3, 3]).max() < OFF_AXIS_M
         assert np.rad2deg(Rotation.from_matrix(off[:3, :3]).magnitude()) < OFF_AXIS_DEG

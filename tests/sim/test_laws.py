@@ -28,7 +28,7 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [law for law in LAWS if not law.pictures], ids=str)
 def test_a_law(simulator: Simulator, law: Law) -> None:
-    assert not list(law.broken(simulator)), law.says
+    assert not list(law.violations(simulator)), law.sentence
 
 
 @pytest.mark.slow

@@ -8,9 +8,9 @@ import pytest
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS
 
 from rf_exp.sim import Simulator, environment, objects
-from rf_exp.sim.environment import LIKE, SHADERS
+from rf_exp.sim.environment import BASE_SHADER_PACK, SHADERS
 from rf_exp.tasks import CONFIGURED, Task, assets, read_task
-from rf_exp.types import BARE, Finish, Lamp, Light, Look, Texture, TextureKind
+from rf_exp.types import DEFAULT_FINISH, Finish, Lamp, Light, Look, Texture, TextureKind
 
 TASKS = ("camera_alignment", "place_food", "take_photo")  # a metallic lens, a pot, four arms
 START = Task.start  # as it is, where a test puts another in its place
@@ -44,7 +44,7 @@ def test_pictures_depth_and_segmentation_are_those_of_the_minimal_pack(
 ) -> None:
     _starts_with(monkeypatch, look=look)
     ours, depth, bodies = _seen(name)
-    monkeypatch.setattr(environment, "shader_config", lambda: PREBUILT_SHADER_CONFIGS[LIKE])
+    monkeypatch.setattr(environment, "shader_config", lambda: PREBUILT_SHADER_CONFIGS[BASE_SHADER_PACK])
     stock, stock_depth, stock_bodies = _seen(name)
     for camera, picture in ours.items():
         apart = np.abs(picture.astype(int) - stock[camera]).max(axis=-1)
@@ -59,7 +59,13 @@ def test_pictures_depth_and_segmentation_are_those_of_the_minimal_pack(
 def test_things_are_seen_in_what_covers_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table in a colour, in a texture, and in a texture drawn in that colour; nothing else changes."""
     red, tiles = (0.5, 0.05, 0.05), Texture("tile", "seen", 5, 0.6)
-    finishes = [BARE, Finish(red), Finish(texture=tiles), Finish(red, tiles), Finish(red, tiles, 0.1)]
+    finishes = [
+        DEFAULT_FINISH,
+        Finish(red),
+        Finish(texture=tiles),
+        Finish(red, tiles),
+        Finish(red, tiles, 0.1),
+    ]
     on_top = (slice(-20, None), slice(100, 220))  # of the picture: its foot, all of it table
     pictures, kept = [], []
     for finish in finishes:
@@ -100,22 +106,25 @@ def test_light_is_by_default_that_of_the_demonstrations_so_far() -> None:
 
 def test_a_finish_covers_what_it_names_and_keeps_how_dark_parts_are() -> None:
     seen = objects.surfaces(assets.load("cube"))
-    for covered, surface in zip(objects.covered(seen, BARE), seen, strict=True):
+    for covered, surface in zip(objects.with_finish(seen, DEFAULT_FINISH), seen, strict=True):
         assert vars(covered) == vars(surface)  # the same arrays
-    edges, faces = objects.covered(seen, Finish((0.0, 0.5, 1.0), roughness=0.3))
+    edges, faces = objects.with_finish(seen, Finish((0.0, 0.5, 1.0), roughness=0.3))
     assert faces.colour == (0.0, 0.5, 1.0) and edges.colour == pytest.approx((0.0, 0.06 / 0.62, 0.12 / 0.62))
     assert edges.roughness == faces.roughness == 0.3 and faces.metallic == seen[1].metallic
-    textured = objects.covered(seen, Finish(texture=Texture("wood", "seen", 0, 0.1)))
+    textured = objects.with_finish(seen, Finish(texture=Texture("wood", "seen", 0, 0.1)))
     assert textured[1].colour == (1.0, 1.0, 1.0) and textured[1].texture == textured[0].texture
 
 
 def test_texture_coordinates_are_metres_along_the_axes_that_a_face_lies_in() -> None:
     """So that a texture is as large on every face, runs on from triangle to triangle, and never smears."""
     surface = objects.surfaces(assets.load("shoe"))[0]
-    apart = surface._apart()
+    apart = surface._unshared_vertices()
     np.testing.assert_array_equal(apart.vertices[apart.faces], surface.vertices[surface.faces])
     np.testing.assert_array_equal(apart.normals[apart.faces], surface.normals[surface.faces])
-    corners, along = apart.vertices[apart.faces], apart._along_m()[apart.faces]  # (F, 3, 3), (F, 3, 2)
+    corners, along = (
+        apart.vertices[apart.faces],
+        apart._box_projection_m()[apart.faces],
+    )  # (F, 3, 3), (F, 3, 2)
     for k in range(3):
         step = corners[:, k] - corners[:, k - 1]
         on_face = np.linalg.norm(along[:, k] - along[:, k - 1], axis=1)

@@ -269,7 +269,7 @@ def test_states_are_simulated_on_a_machine_without_vulkan() -> None:
 @pytest.mark.slow
 def test_pictures_on_a_machine_without_vulkan_stop_before_any_work() -> None:
     run = without_vulkan(render=True)
-    assert run.stdout.startswith("StageError rendering was asked for, but SAPIEN has no Vulkan device"), (
+    assert run.stdout.startswith("StageError rendering was requested, but SAPIEN has no Vulkan device"), (
         run.stderr
     )
     assert "render=false" in run.stdout

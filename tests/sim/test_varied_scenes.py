@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen import EpisodeGenerator, Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.sim import Simulator
-from rf_exp.tasks import Ledger, SuccessEvaluator, Task, labelled, read_variation
+from rf_exp.tasks import Ledger, SuccessEvaluator, Task, label_images, read_variation
 from rf_exp.types import ConstraintSet
 from tests.conftest import read_task
 
@@ -27,7 +27,7 @@ def test_clutter_rests_where_it_was_put(of: str) -> None:
     with Simulator(usual, render=False) as world:
         for seed in range(3):
             first = world.reset(seed)
-            assert {*first.clutter} == {*world.task.clutter} == {*usual.of(seed).clutter}
+            assert {*first.clutter} == {*world.task.clutter} == {*usual.in_scene(seed).clutter}
             for name, pose in first.clutter.items():
                 np.testing.assert_allclose(pose, world.task.clutter[name].world_from_object, atol=1e-6)
             for _ in range(20):
@@ -71,7 +71,7 @@ def test_touching_clutter_is_seen_and_told() -> None:
         for seed in range(8):
             judge = SuccessEvaluator(world.task, scene := world.reset(seed))
             for scene in pushing_clutter(world):
-                ledger.see(scene, judge(scene))
+                ledger.record(scene, judge(scene))
             if scene.clutter_contacts:
                 break
         contacts = ledger.account(False).clutter_contacts
@@ -88,7 +88,7 @@ def test_clutter_is_seen_and_is_no_object() -> None:
         pieces = [number for name in world.task.clutter for number in bodies[name]]
         drawn = np.isin(seen["global"], pieces)
         assert drawn.sum() > 50
-        assert (labelled(world.task, seen, bodies)["global"][drawn] == 1).all()
+        assert (label_images(world.task, seen, bodies)["global"][drawn] == 1).all()
 
 
 @pytest.mark.slow
@@ -96,8 +96,8 @@ def test_an_expert_among_clutter_stores_objects_alone() -> None:
     usual = varied("pick_meat", "clutter")
     settings = Settings.configured(usual, ConstraintSet("full"), ScriptedSpec())
     with Simulator(usual, render=False) as world:
-        outcome = EpisodeMaker(settings, world, settings.make_brain(SEED)).make(SEED)
+        outcome = EpisodeGenerator(settings, world, settings.make_brain(SEED)).make(SEED)
     assert outcome.success and outcome.episode is not None, outcome.reason
     assert {*outcome.episode.poses} == {*usual.objects}
     drawn: Any = outcome.episode.certificate["drawn"]
-    assert {*drawn["clutter"]} == {*usual.of(SEED).clutter}
+    assert {*drawn["clutter"]} == {*usual.in_scene(SEED).clutter}

@@ -27,7 +27,7 @@ def machine(root: Path, *files: str) -> Path:
 def test_the_users_variable_wins_over_everything(tmp_path: Path, variable: str) -> None:
     root = machine(tmp_path, LAVAPIPE, "dev/nvidiactl", NVIDIA)
     driver = vulkan.find_driver({variable: NOWHERE}, root)
-    assert driver.words == f"{variable}={NOWHERE}, set by you"
+    assert driver.description == f"{variable}={NOWHERE}, set by you"
     assert driver.variable == variable and driver.manifest is None
 
 
@@ -35,7 +35,7 @@ def test_a_machine_without_gpu_takes_the_software_driver(tmp_path: Path) -> None
     root = machine(tmp_path, LAVAPIPE, "usr/share/vulkan/icd.d/radeon_icd.json")
     driver = vulkan.find_driver({}, root)
     assert driver.manifest == root / LAVAPIPE
-    assert driver.words == f"software, {root / LAVAPIPE}"
+    assert driver.description == f"software, {root / LAVAPIPE}"
 
 
 def test_the_manifest_may_carry_the_architecture_in_its_name(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_gpu_with_its_driver_is_left_to_the_loader(
 ) -> None:
     driver = vulkan.find_driver({}, machine(tmp_path, *files))
     assert driver.manifest is None and driver.variable is None
-    assert driver.words == words.format(root=tmp_path)
+    assert driver.description == words.format(root=tmp_path)
 
 
 def test_an_nvidia_gpu_that_only_computes_takes_the_software_driver(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_an_nvidia_gpu_that_only_computes_takes_the_software_driver(tmp_path: Pa
 
 def test_a_bare_machine_has_none(tmp_path: Path) -> None:
     driver = vulkan.find_driver({}, tmp_path)
-    assert driver.words == "none found: no GPU with a Vulkan driver, no Mesa software driver"
+    assert driver.description == "none found: no GPU with a Vulkan driver, no Mesa software driver"
     assert driver.manifest is None
 
 
@@ -75,7 +75,7 @@ def test_selecting_names_the_driver_to_the_loader(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("VK_DRIVER_FILES", "")
     monkeypatch.delenv("VK_ICD_FILENAMES", raising=False)
     expected = vulkan.find_driver({})
-    assert vulkan.select_driver() == expected.words
+    assert vulkan.select_driver() == expected.description
     assert vulkan.os.environ["VK_DRIVER_FILES"] == str(expected.manifest or "")
 
 
@@ -88,7 +88,7 @@ def test_selecting_twice_says_the_same(tmp_path: Path) -> None:
 def test_the_software_driver_may_be_named_in_spite_of_a_gpu(tmp_path: Path) -> None:
     root = machine(tmp_path, LAVAPIPE, "dev/nvidiactl", NVIDIA)
     driver = vulkan.find_driver({"VK_DRIVER_FILES": str(root / LAVAPIPE)}, root)
-    assert driver.words == f"software, {root / LAVAPIPE}"
+    assert driver.description == f"software, {root / LAVAPIPE}"
 
 
 def test_selecting_leaves_the_users_choice_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +102,7 @@ def test_the_probe_says_why_there_is_no_picture(monkeypatch: pytest.MonkeyPatch)
     probe = vulkan.render_probe()
     assert not probe.ok
     assert probe.reason == "there is no such file"
-    assert probe.mend == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
+    assert probe.remedy == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
 
 
 def test_a_driver_that_cannot_be_loaded_is_no_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,17 +119,17 @@ def test_a_driver_that_cannot_be_loaded_is_no_device(tmp_path: Path, monkeypatch
     )
 
 
-def test_rendering_without_a_device_stops_with_the_command_that_mends_it(
+def test_rendering_without_a_device_stops_with_the_command_that_fixes_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
     with pytest.raises(StageError) as error:
         vulkan.require_rendering()
     assert str(error.value) == (
-        "rendering was asked for, but SAPIEN has no Vulkan device: "
+        "rendering was requested, but SAPIEN has no Vulkan device: "
         "there is no such file "
         f"(driver: VK_DRIVER_FILES={NOWHERE}, set by you). "
-        "Mend: unset VK_DRIVER_FILES, then python -m rf_exp.doctor; or go without pictures: render=false"
+        "Fix: unset VK_DRIVER_FILES, then python -m rf_exp.doctor; or go without pictures: render=false"
     )
 
 
@@ -163,7 +163,7 @@ def test_a_driver_that_hangs_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(
-    ("driver", "mend"),
+    ("driver", "remedy"),
     [
         (
             vulkan.Driver("", variable="VK_ICD_FILENAMES"),
@@ -172,8 +172,8 @@ def test_a_driver_that_hangs_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
         (vulkan.Driver("", manifest=Path(LAVAPIPE)), "scripts/setup.sh (installs Mesa's software Vulkan)"),
     ],
 )
-def test_the_mend_is_a_command(driver: vulkan.Driver, mend: str) -> None:
-    assert vulkan.Probe(driver, "", 0.0, "no device").mend == mend
+def test_the_remedy_is_a_command(driver: vulkan.Driver, remedy: str) -> None:
+    assert vulkan.Probe(driver, "", 0.0, "no device").remedy == remedy
 
 
 @pytest.mark.render

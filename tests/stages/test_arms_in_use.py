@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rf_exp.data.__main__ import export
-from rf_exp.datagen import EpisodeMaker, Outcome, Settings
+from rf_exp.datagen import EpisodeGenerator, Outcome, Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs.parallel import ParallelArmsEnv
 from rf_exp.library import Workcell
@@ -36,7 +36,7 @@ def task_named(name: str) -> Task:
 def carried_out(task: Task) -> Outcome:
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     with Simulator(task, render=False) as world:
-        return EpisodeMaker(settings, world, settings.make_brain(0)).make(0)
+        return EpisodeGenerator(settings, world, settings.make_brain(0)).make(0)
 
 
 @pytest.mark.parametrize("name", ["pick_meat-xarm7", "lift_barrier-xarm7"])

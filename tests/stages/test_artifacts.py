@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.stages import owned
+from rf_exp.stages import artifact_lock
 from rf_exp.store import Store
 from rf_exp.types import Pictures
 
@@ -16,7 +16,7 @@ ARGUMENTS = ("stages=[generate]", "task=pick_meat", "render=false", "workers=1",
 
 def made(folder: Path, configuration: dict[str, object]) -> Path:
     artifact = folder / "full.jsonl"
-    with owned(artifact, configuration):
+    with artifact_lock(artifact, configuration):
         artifact.touch()
     return artifact
 
@@ -32,12 +32,12 @@ def made(folder: Path, configuration: dict[str, object]) -> Path:
 )
 def test_all_that_has_to_go_is_named(tmp_path: Path, content: str | None, message: str) -> None:
     artifact, record = made(tmp_path, {"a": 1}), tmp_path / "full.configuration.json"
-    with owned(artifact, {"a": 1}):
+    with artifact_lock(artifact, {"a": 1}):
         pass
     record.unlink()
     if content is not None:
         record.write_text(content)
-    with pytest.raises(StageError) as caught, owned(artifact, {"a": 1}):
+    with pytest.raises(StageError) as caught, artifact_lock(artifact, {"a": 1}):
         pass
     assert message in str(caught.value)
     assert str(caught.value).endswith(

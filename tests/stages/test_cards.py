@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from rf_exp.artifacts import code
-from rf_exp.command import guarded
+from rf_exp.artifacts import code_version
+from rf_exp.command import run_guarded
 from rf_exp.data.__main__ import main
 from rf_exp.datagen import generator_version
 from rf_exp.stages import Cell, generate_data
@@ -78,7 +78,7 @@ def test_every_value_is_what_the_store_holds(
     assert rows == {name: str(value) for name, value in wanted.items()}
     capsys.readouterr()
     monkeypatch.setattr(sys, "argv", ["rf_exp.data", "summary", str(path), "--json"])
-    assert guarded(main) == 0
+    assert run_guarded(main) == 0
     said = json.loads(capsys.readouterr().out)[str(path)]
     assert said.pop("MiB") > 0 and unmarked(said) == wanted
     success = [
@@ -90,7 +90,7 @@ def test_every_value_is_what_the_store_holds(
         f"`{path.name}` is a Zarr 3 store",
         f"{task.description} {task.target_condition}",
         f"of version {task.version}; all of them held for {task.success['hold_steps']:g} control steps",
-        f"Generator {generator_version(task)}, code {code()}; python ",
+        f"Generator {generator_version(task)}, code {code_version()}; python ",
         f"numpy {metadata.version('numpy')}",
         '"name": "logical_temporal"',
     ):

@@ -6,7 +6,7 @@ import pytest
 
 from rf_exp.ablation import append_row
 from rf_exp.experiment import Experiment
-from rf_exp.stages.beforehand import foretold
+from rf_exp.stages.preflight import estimated_time
 from tests.ablation.conftest import evaluation
 from tests.conftest import cell_of, experiment
 
@@ -23,10 +23,10 @@ def minutes(said: str) -> float:
 @pytest.mark.slow
 def test_the_published_table_is_foretold(tmp_path: Path) -> None:
     laptop = "profile=laptop", "task=all"
-    one, two = (foretold(fast(tmp_path, *laptop, f"workers={n}")) for n in (1, 2))
+    one, two = (estimated_time(fast(tmp_path, *laptop, f"workers={n}")) for n in (1, 2))
     assert minutes(one) == pytest.approx(2 * minutes(two), rel=0.1)
     assert all(f"{stage} " in one for stage in ("generate", "train", "evaluate"))
-    only = foretold(fast(tmp_path, *laptop, "workers=1", "stages=[evaluate]"))
+    only = estimated_time(fast(tmp_path, *laptop, "workers=1", "stages=[evaluate]"))
     assert "generate" not in only and minutes(only) < minutes(one)
 
 
@@ -35,16 +35,16 @@ def test_what_is_there_is_not_foretold(tmp_path: Path) -> None:
     asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1"
     whole = fast(tmp_path, *asked)
     path = cell_of(whole).evaluation_path
-    before = minutes(foretold(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
+    before = minutes(estimated_time(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
     for row in evaluation("two_robots_stack_cube", "separate_local", 150, 100, 0, recipe="fast"):
         append_row(path, row)
-    after = minutes(foretold(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
+    after = minutes(estimated_time(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
     assert after == pytest.approx(0.9 * before, abs=1.1)
 
 
 def test_rounds_of_correction_are_foretold(tmp_path: Path) -> None:
     asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1", "stages=[train]"
-    one, three = (minutes(foretold(fast(tmp_path, *asked, f"dagger.rounds={n}"))) for n in (0, 2))
+    one, three = (minutes(estimated_time(fast(tmp_path, *asked, f"dagger.rounds={n}"))) for n in (0, 2))
     assert three > 3 * one
 
 
@@ -52,15 +52,15 @@ def test_rounds_of_correction_are_foretold(tmp_path: Path) -> None:
 def test_nothing_is_said_where_nobody_has_measured_or_nothing_is_left(
     tmp_path: Path, overrides: tuple[str, ...]
 ) -> None:
-    assert foretold(fast(tmp_path, *overrides)) == ""
+    assert estimated_time(fast(tmp_path, *overrides)) == ""
 
 
 @pytest.mark.slow
 def test_what_nobody_has_measured_is_named(tmp_path: Path) -> None:
     asked = "profile=laptop", "workers=1"
-    said = foretold(fast(tmp_path, *asked, "task=all"))
+    said = estimated_time(fast(tmp_path, *asked, "task=all"))
     assert said.endswith(
-        "beside what is not known: four_robots_stack_cube, place_cube_in_cup, strike_cube_hard, "
+        "without tasks of unknown cost: four_robots_stack_cube, place_cube_in_cup, strike_cube_hard, "
         "three_robots_place_shoes"
     )
-    assert foretold(fast(tmp_path, *asked, "task=place_cube_in_cup")) == ""
+    assert estimated_time(fast(tmp_path, *asked, "task=place_cube_in_cup")) == ""

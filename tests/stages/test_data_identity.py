@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import trimesh
 
-from rf_exp.artifacts import differing
+from rf_exp.artifacts import find_differences
 from rf_exp.experiment import Experiment
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
@@ -41,7 +41,7 @@ def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
 )
 def test_the_scene_decides_both(override: str, key: str) -> None:
     for found, wanted in zip(identities(), identities(override), strict=True):
-        (difference,) = differing(found, wanted)
+        (difference,) = find_differences(found, wanted)
         assert difference.startswith(f"{key}: found ")
 
 
@@ -56,7 +56,7 @@ def test_what_decides_evaluation_alone() -> None:
     ):
         (old, before), (new, after) = identities(), identities(override)
         assert old == new
-        assert any(line.startswith(f"{key}: found") for line in differing(before, after)), key
+        assert any(line.startswith(f"{key}: found") for line in find_differences(before, after)), key
     cell = cell_of(steak())
     assert cell.evaluation_identity(100) != cell.evaluation_identity(101)
 
@@ -81,7 +81,7 @@ def test_words_decide_what_a_model_answers() -> None:
         identities("brain=openai", "brain.model=m", f"task.pick_meat.description={text}")[0]
         for text in ("one", "two")
     )
-    assert [line.split(":")[0] for line in differing(found, wanted)] == ["told"]
+    assert [line.split(":")[0] for line in find_differences(found, wanted)] == ["told"]
 
 
 def test_pictures_decide_where_they_are_looked_at() -> None:
@@ -96,19 +96,19 @@ def test_versions_of_a_task_decide(monkeypatch: pytest.MonkeyPatch, constant: st
     before = identities()
     monkeypatch.setattr(pick_meat, constant, "99")
     for found, wanted in zip(before, identities(), strict=True):
-        assert f'scene.{key}: found "1", wanted "99"' in differing(found, wanted)
+        assert f'scene.{key}: found "1", wanted "99"' in find_differences(found, wanted)
 
 
 def test_the_version_of_the_generator_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     (before, _) = identities()
     monkeypatch.setattr("rf_exp.datagen.version.GENERATOR", "99")
-    assert [line.split(":")[0] for line in differing(before, identities()[0])] == ["generator"]
+    assert [line.split(":")[0] for line in find_differences(before, identities()[0])] == ["generator"]
 
 
 def test_objects_in_another_order_are_drawn_otherwise() -> None:
     task = steak("task=place_food").tasks[0]
     turned = replace(task, objects=dict(reversed(list(task.objects.items()))))
-    assert [line.split(":")[0] for line in differing(task.identity, turned.identity)] == ["order"]
+    assert [line.split(":")[0] for line in find_differences(task.identity, turned.identity)] == ["order"]
 
 
 @pytest.fixture
@@ -140,14 +140,14 @@ def test_every_part_of_an_asset_is_content() -> None:
     part, (name, point) = cube.parts[0], next(iter(cube.points.items()))
     others = [
         replace(cube, friction=0.5),
-        replace(cube, ghost=True),
+        replace(cube, visual_only=True),
         replace(cube, parts=(replace(part, colour=(0.1, 0.2, 0.3)), *cube.parts[1:])),
         replace(cube, parts=(replace(part, roughness=0.1), *cube.parts[1:])),
         replace(cube, points={**cube.points, name: replace(point, width_m=0.033)}),
         replace(cube, points={**cube.points, name: replace(point, object_from_tcp=transform((0, 0, 1)))}),
     ]
-    assert len({cube.content, *(other.content for other in others)}) == len(others) + 1
-    assert replace(cube, name="another").content == cube.content
+    assert len({cube.content_digest, *(other.content_digest for other in others)}) == len(others) + 1
+    assert replace(cube, name="another").content_digest == cube.content_digest
 
 
 @pytest.mark.slow
@@ -160,7 +160,7 @@ def test_all_recipes_share_an_output_folder() -> None:
         for path, identity in (
             (cell.generation_path, cell.generation_identity),
             (cell.data_path, cell.store_identity(made.pictures)),
-            (cell.policy_path, {"policy": made.policy.learned, "training": made.training.identity}),
+            (cell.policy_path, {"policy": made.policy.training_values, "training": made.training.identity}),
             (cell.evaluation_path, cell.evaluation_identity(100)),
         ):
-            assert not differing(found.setdefault(path, identity), identity), (recipe, path)
+            assert not find_differences(found.setdefault(path, identity), identity), (recipe, path)

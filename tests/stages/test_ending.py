@@ -4,32 +4,32 @@ from dataclasses import replace
 from pathlib import Path
 
 from rf_exp.ablation import FILM, append_row, rollout_file
-from rf_exp.stages.reporting import following, reached
+from rf_exp.stages.reporting import next_command, success_lines
 from tests.ablation.conftest import evaluation
 from tests.conftest import cell_of, experiment
 
 
 def test_success_is_told_with_its_interval_and_a_film_of_one(tmp_path: Path) -> None:
     one = replace(experiment("demos=50", "scenes=4"), out=tmp_path)
-    assert [*reached(one)] == []
+    assert [*success_lines(one)] == []
     cell = cell_of(one)
     rows = evaluation("lift_barrier", "separate_local", 50, 3, 1, recipe="test", version=cell.task.version)
     for row in rows:
         append_row(cell.evaluation_path, row)
     place = "lift_barrier/full/separate_local"
     told = f"{place}: 3 of 4 scenes succeeded (95 % interval 30 to 95 %)"
-    assert [*reached(one)] == [told]
+    assert [*success_lines(one)] == [told]
     films = {row.success: tmp_path / rollout_file(row, FILM) for row in rows}
     films[True].parent.mkdir(parents=True)
     films[False].touch()
-    assert [*reached(one)] == [told, f"film: {films[False]}"]
+    assert [*success_lines(one)] == [told, f"film: {films[False]}"]
     films[True].touch()
-    assert [*reached(one)] == [told, f"film: {films[True]}"]
-    assert [*reached(replace(one, first_scene=3_000_000))] == []
+    assert [*success_lines(one)] == [told, f"film: {films[True]}"]
+    assert [*success_lines(replace(one, first_scene=3_000_000))] == []
 
 
 def test_the_next_task_is_named_and_after_several_the_benchmark() -> None:
-    assert following(experiment("task=lift_barrier")).endswith(" task=two_robots_stack_cube")
-    assert following(experiment("task=long_pipeline_delivery")).endswith(" task=pick_meat")
-    assert following(experiment("task=ring")).endswith(" task=pick_meat")
-    assert following(experiment("task=all")).endswith(" experiment=benchmark")
+    assert next_command(experiment("task=lift_barrier")).endswith(" task=two_robots_stack_cube")
+    assert next_command(experiment("task=long_pipeline_delivery")).endswith(" task=pick_meat")
+    assert next_command(experiment("task=ring")).endswith(" task=pick_meat")
+    assert next_command(experiment("task=all")).endswith(" experiment=benchmark")

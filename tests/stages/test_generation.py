@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp.ablation import GenerationRow, append_row, read_rows
-from rf_exp.datagen import EpisodeMaker, NullObserver, Outcome, Settings, generator_version
+from rf_exp.datagen import EpisodeGenerator, NullObserver, Outcome, Settings, generator_version
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
 from rf_exp.findings import Account, Unmet, Violation
 from rf_exp.sim import Simulator
@@ -59,7 +59,7 @@ def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
         for answers, success, expected in cases:
             seen = Rejections()
             settings = Settings.configured(lift_barrier, FULL, ScriptedSpec(), attempts=3)
-            outcome = EpisodeMaker(settings, world, Answers(*answers), seen).make(0)
+            outcome = EpisodeGenerator(settings, world, Answers(*answers), seen).make(0)
             row = generation_row(settings, outcome)
             assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)
             assert (row.contacts, row.generator) == (outcome.contacts, generator_version(lift_barrier))
@@ -71,7 +71,7 @@ ROWS, DATA = "results/generate/pick_meat/full-disturbed.jsonl", "data/pick_meat/
 # The command, in a process that is killed where `{where}` is called for the seed 1.
 KILLED = """
 import os, signal, sys
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.run import main
 from rf_exp.stages import generation
 
@@ -81,7 +81,7 @@ def killed(*arguments):
         os.kill(os.getpid(), signal.SIGKILL)
     return before(*arguments)
 {where} = killed
-sys.exit(guarded(main))
+sys.exit(run_guarded(main))
 """
 
 

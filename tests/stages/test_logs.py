@@ -9,7 +9,7 @@ import pytest
 
 from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.stages import cells
-from rf_exp.stages.logs import Rates, identity
+from rf_exp.stages.logs import Rates, run_settings
 from tests.ablation.conftest import generation as rows_of
 from tests.conftest import experiment
 from tests.offline_runs import runs
@@ -79,7 +79,7 @@ def test_the_output_does_not_speak_of_the_service(generation):
 
 def test_a_generation_of_so_many_demonstrations_says_how_many() -> None:
     (cell,) = cells(experiment("task=lift_barrier", "demos=2"))
-    said = identity(cell, "generate")
+    said = run_settings(cell, "generate")
     assert said["name"] == "generate lift_barrier/full, 2 demos, seed 0"
     assert said["tags"] == ["lift_barrier", "full", "2 demos", "seed 0"]
 

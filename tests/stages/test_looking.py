@@ -19,7 +19,7 @@ from rf_exp.recording.recorders import PICTURES_EVERY
 from rf_exp.stages import evaluate_policies, generate_data
 from rf_exp.store import Store
 from rf_exp.tasks import SuccessEvaluator
-from rf_exp.types.choices import SEEN_PX
+from rf_exp.types.choices import MIN_DISPLAY_PX
 from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.conftest import cell_of, experiment
 from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
@@ -131,7 +131,7 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
     assert len(pictures) == 1 + STEPS // PICTURES_EVERY
     [blob] = pictures[-1]
     picture = cv2.imdecode(np.asarray(blob, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None and picture.shape[0] == SEEN_PX > HEIGHT  # of what the policy looks at
+    assert picture is not None and picture.shape[0] == MIN_DISPLAY_PX > HEIGHT  # of what the policy looks at
 
 
 @pytest.mark.render

@@ -10,7 +10,7 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.sim import Simulator
 from rf_exp.stages import Cell, cells, generate_data, redraw
 from rf_exp.store import Store, problems
-from rf_exp.tasks import NONE, Variation, drawn_of, read_variation
+from rf_exp.tasks import NO_VARIATION, Variation, read_variation, scene_draws
 from tests.conftest import experiment
 
 SMALL = ("task=stack_cube", "picture={width: 64, height: 48}", "cameras=local", "workers=1", "recordings=0")
@@ -56,7 +56,7 @@ def test_copies_have_other_pictures_and_nothing_else(cell: Cell, tmp_path: Path)
         assert same == (index % 3 == 0)
         if index % 3:
             assert found.certificate["copy"] == index % 3
-            assert found.certificate["drawn"] == drawn_of(varied, found.seed, index % 3)
+            assert found.certificate["drawn"] == scene_draws(varied, found.seed, index % 3)
     whole = {str(each.relative_to(path)): each.read_bytes() for each in path.rglob("*") if each.is_file()}
     redraw(source, path, cell.task, APPEARANCE, 3)  # all of it is there
     assert whole == {str(e.relative_to(path)): e.read_bytes() for e in path.rglob("*") if e.is_file()}
@@ -95,7 +95,7 @@ def test_what_was_interrupted_goes_on(cell: Cell, tmp_path: Path, monkeypatch: p
             2,
             "'bases' has another base_position_m and another base_yaw_deg than",
         ),
-        (NONE, 2, "variation 'none' shows nothing in pictures"),
+        (NO_VARIATION, 2, "variation 'none' shows nothing in pictures"),
         (Variation("late", delay_s=(0.1, 0.1)), 2, "variation 'late' has another delay_s"),
     ],
 )

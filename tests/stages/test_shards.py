@@ -14,7 +14,7 @@ from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.errors import StageError
 from rf_exp.experiment import Experiment
 from rf_exp.stages import generate_data
-from rf_exp.stages.shards import RECORD, Shards, begun, blocks, make_shard
+from rf_exp.stages.shards import IDENTITY_FILE, Shards, existing_shards, make_shard, plan_shards
 from rf_exp.store import Store
 from tests.conftest import cell_of, experiment
 
@@ -69,7 +69,7 @@ def later(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 def test_blocks_hold_what_is_wanted_and_nothing_twice(seeds, there, size, wanted) -> None:
     known = [range(first, first + length) for first, length in there]
     ordered = sorted(seeds)
-    found = blocks(ordered, known, size, wanted)
+    found = plan_shards(ordered, known, size, wanted)
     needed = ordered[:wanted]
     assert [seed for seed in needed if not any(seed in block for block in found)] == []
     assert all(any(seed in block for seed in needed) for block in found)  # none for nothing
@@ -100,7 +100,7 @@ def test_of_a_shard_only_what_is_wanted_is_taken_and_the_rest_stays(whole, tmp_p
     shutil.copytree(whole.out, folder / "0-2")
     assert made(one) == 2
     assert Store.open(cell_of(one).data_path).seeds.tolist() == [0, 1]
-    assert begun(folder) == [range(3)]
+    assert existing_shards(folder) == [range(3)]
     assert made(replace(one, demos=SEEDS)) == SEEDS
     assert content(one) == content(whole)
     assert not folder.exists()
@@ -117,7 +117,7 @@ def test_shards_that_overlap_and_leave_a_gap_come_to_the_same(whole, later, tmp_
     assert made(one) == SEEDS
     assert content(one) == content(whole)
     assert "1 of 2 shards are made by loky" in capsys.readouterr().out
-    assert begun(folder) == [range(2, 3)]  # which nobody has needed
+    assert existing_shards(folder) == [range(2, 3)]  # which nobody has needed
 
 
 @pytest.mark.slow
@@ -172,14 +172,14 @@ def test_a_machine_that_does_not_see_the_folder_says_so(tmp_path) -> None:
     with pytest.raises(
         StageError, match=r"does not see .*`out` has to be on a file system that all machines"
     ):
-        make_shard(all_shards.piece(range(2)), all_shards.identity)
+        make_shard(all_shards.shard_for(range(2)), all_shards.identity)
 
 
 def test_a_machine_with_other_code_makes_nothing(tmp_path) -> None:
     all_shards = shards(asked(tmp_path, "episodes=2"))
     all_shards.folder.mkdir(parents=True)
-    (all_shards.folder / RECORD).touch()
+    (all_shards.folder / IDENTITY_FILE).touch()
     wanted = {**all_shards.identity, "generator": "0.9"}
     with pytest.raises(StageError, match=r"would make other demonstrations \(generator: found .*, wanted"):
-        make_shard(all_shards.piece(range(2)), wanted)
-    assert begun(all_shards.folder) == []
+        make_shard(all_shards.shard_for(range(2)), wanted)
+    assert existing_shards(all_shards.folder) == []

@@ -1,6 +1,6 @@
 """Sentences that are understood, with what they mean."""
 
-from rf_exp.constraints import compiled
+from rf_exp.constraints import compile_statement
 from rf_exp.statements import (
     AvoidAgents,
     Before,
@@ -36,7 +36,7 @@ PROPOSAL = Proposal(
 
 def checked(text: str, task=FOOD, proposal=PROPOSAL, agents=(1, 2)) -> str:
     """The check that a sentence means, as the paper prints it."""
-    return repr(compiled(read(text, task.vocabulary, agents), task, proposal))
+    return repr(compile_statement(read(text, task.vocabulary, agents), task, proposal))
 
 
 LOGICAL = [

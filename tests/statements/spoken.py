@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from rf_exp.statements import kinds
-from rf_exp.statements.language.notation import compiled
+from rf_exp.statements.language.notation import compile_pattern
 
 OBJECTS = ("lid", "the lid", "steak", "the steak", "its pot", "a pot")
 AGENTS = ("Agent_1 and Agent_2", "Agent_2, Agent_1", "Agents 1 and 2", "agent_2, and agent_1")
@@ -100,4 +100,7 @@ def forms() -> Iterator[tuple[str, tuple[Part, ...]]]:
     """The pattern of every form of every kind, under a name."""
     for kind in kinds():
         for number, pattern in enumerate(kind.patterns):
-            yield f"{kind.__name__} {number}", (Part(choices=_Pattern(compiled(pattern).pattern).choices()),)
+            yield (
+                f"{kind.__name__} {number}",
+                (Part(choices=_Pattern(compile_pattern(pattern).pattern).choices()),),
+            )

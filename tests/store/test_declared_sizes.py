@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.errors import StageError
 from rf_exp.rescue import main as rescue
@@ -82,7 +82,7 @@ def run(
         monkeypatch.setattr(sys, "argv", ["rf_exp", *map(str, arguments)])
         capsys.readouterr()
         with little_memory():
-            code = guarded(main)
+            code = run_guarded(main)
         return code, "".join(capsys.readouterr())
 
     return call

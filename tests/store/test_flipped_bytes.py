@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from rf_exp.store import Damage, Damaged, Store, merge
+from rf_exp.store import Damage, DamagedStore, Store, merge
 from rf_exp.types import Episode
 from tests.store.episodes import AGENTS, IDENTITY, OBJECTS, assert_same
 from tests.test_data import DESCRIPTION, described
@@ -46,7 +46,7 @@ def kept(path: Path) -> list[int]:
     """The seeds of the episodes that can be read of a damaged store, each of them the one that was stored."""
     found = []
     with TemporaryDirectory() as frame:
-        damaged = Damaged(path, Path(frame))
+        damaged = DamagedStore(path, Path(frame))
         for index in range(len(damaged.ends)):
             with suppress(Damage):
                 read = damaged.episode(index)

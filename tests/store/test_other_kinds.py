@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 import zarr
 
-from rf_exp.command import guarded
+from rf_exp.command import run_guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.errors import StageError
 from rf_exp.rescue import main as rescue
 from rf_exp.stages import generate_data
-from rf_exp.stages.training import demonstrations
+from rf_exp.stages.training import training_data
 from rf_exp.store import Damage, Store
 from tests.conftest import cell_of, experiment
 from tests.store.episodes import make_episode, make_store
@@ -119,7 +119,7 @@ def commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     def call(main: Callable[[], None], *arguments: object) -> str:
         monkeypatch.setattr(sys, "argv", ["rf_exp", *map(str, arguments)])
         capsys.readouterr()
-        assert guarded(main) == 1
+        assert run_guarded(main) == 1
         return "".join(capsys.readouterr())
 
     return call
@@ -147,7 +147,7 @@ def test_every_command_says_what_it_is_and_that_nothing_is_wrong_with_it(
     }
     assert {each.name for each in path.parent.iterdir()} == before and not to.exists()
     for name, stage in (
-        ("train", lambda: demonstrations(cell_of(asked))),
+        ("train", lambda: training_data(cell_of(asked))),
         ("generate", lambda: generate_data(cell_of(asked))),
     ):
         with pytest.raises(StageError) as caught:

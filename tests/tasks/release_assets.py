@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
-from rf_exp.tasks.assets.__main__ import scene
-from rf_exp.tasks.assets.asset.annotated import HAND
+from rf_exp.tasks.assets.__main__ import visible_scene
+from rf_exp.tasks.assets.asset.annotated import HAND_ROTATION
 from rf_exp.tasks.assets.asset.released import Source
 from rf_exp.transforms import Matrix, inverse, transform
 
@@ -39,7 +39,7 @@ URDF = """<robot name="thing">
 
 def write(folder: Path, like: str, bearer: str | None = None, seat_m: float = 0.0) -> None:
     """The files of one asset; of a URDF `like` moves, and `bearer` is what it is on, so far below it."""
-    source, scale = assets.released()[like], np.array(SCALES.get(like, (SCALE,) * 3))
+    source, scale = assets.release_sources()[like], np.array(SCALES.get(like, (SCALE,) * 3))
     path = folder / "objects" / source.mesh
     path.parent.mkdir(parents=True, exist_ok=True)
     stands = transform((0, 0, RAISED_M), Rotation.from_quat(source.standing_wxyz, scalar_first=True))
@@ -50,12 +50,12 @@ def write(folder: Path, like: str, bearer: str | None = None, seat_m: float = 0.
         things = {bearer: (assets.load(bearer), np.eye(4)), like: (made, transform((0, 0, seat_m)))}
         _write_urdf(path, things, made, scale)
     else:
-        meshes = scene(made)
+        meshes = visible_scene(made)
         meshes.apply_transform(inverse(stands))
         meshes.apply_transform(np.diag([*(1 / scale), 1.0]))
         meshes.export(path)
     for name, (asset, actor_from_asset) in things.items():
-        _note(noted, assets.released()[name], asset, actor_from_asset, scale)
+        _note(noted, assets.release_sources()[name], asset, actor_from_asset, scale)
     (folder / "objects" / source.annotation).write_text(json.dumps(noted))
 
 
@@ -64,7 +64,7 @@ def _note(noted: dict[str, Any], source: Source, asset: Asset, actor_from_asset:
         x, y, z = asset.points[point].object_from_tcp[:3, :3].T
         pose = asset.points[point].object_from_tcp.copy()
         pose[:3, :3] = np.column_stack([z, y, -x])
-        pose = actor_from_asset @ pose @ inverse(HAND)
+        pose = actor_from_asset @ pose @ inverse(HAND_ROTATION)
         pose[:3, 3] /= scale
         noted[key] += [np.eye(4).tolist()] * (number + 1 - len(noted[key]))
         noted[key][number] = pose.tolist()
@@ -73,7 +73,7 @@ def _note(noted: dict[str, Any], source: Source, asset: Asset, actor_from_asset:
 def _write_urdf(path: Path, things: Mapping[str, tuple[Asset, Matrix]], moves: Asset, scale: Any) -> None:
     still_from_root = inverse(transform((0, 0, 0), ROOT))
     for file, (asset, actor_from_asset) in zip(("still", "moves"), things.values(), strict=True):
-        meshes = scene(asset)
+        meshes = visible_scene(asset)
         meshes.apply_transform(actor_from_asset)
         meshes.apply_transform(np.diag([*(1 / scale), 1.0]))
         meshes.apply_transform(still_from_root)

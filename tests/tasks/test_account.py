@@ -11,7 +11,7 @@ def seen(*verdicts: Verdict, contacts: dict[int, tuple[tuple[int, int, float], .
     account, none = Ledger(), np.zeros((2, 9))
     for step, verdict in enumerate(verdicts, start=1):
         touching = (contacts or {}).get(step, ())
-        account.see(Scene(step, none, none, {}, {}, (None, None), arm_contacts=touching), verdict)
+        account.record(Scene(step, none, none, {}, {}, (None, None), arm_contacts=touching), verdict)
     return account
 
 

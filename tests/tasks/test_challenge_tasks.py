@@ -43,7 +43,7 @@ def solved(name: str) -> tuple[Task, Scene, Scene]:
     elif name == "three_robots_place_shoes":
         for shoe, point in (("left_shoe", "left"), ("right_shoe", "right")):
             poses[shoe] = poses["box"] @ task.points["box"][point]
-        poses["lid"] = task.hung("lid", poses, 0.0)
+        poses["lid"] = task.hinged_poses("lid", poses, 0.0)
     else:
         poses["blue"] = poses["goal"] @ transform((0.01, 0.0, 0.0))
         poses["red"] = poses["blue"] @ transform((0.0, 0.01, 0.04))
@@ -68,9 +68,9 @@ def fast(scene: Scene, name: str) -> Scene:
     return replace(scene, speeds={**scene.speeds, name: 0.3})
 
 
-def ajar(scene: Scene, opened_rad: float) -> Scene:
+def ajar(scene: Scene, hinge_rad: float) -> Scene:
     poses = dict(scene.poses)
-    return replace(scene, poses=poses | {"lid": read_task(NAMES[-1]).hung("lid", poses, opened_rad)})
+    return replace(scene, poses=poses | {"lid": read_task(NAMES[-1]).hinged_poses("lid", poses, hinge_rad)})
 
 
 @pytest.mark.parametrize("name", NAMES)

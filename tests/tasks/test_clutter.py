@@ -9,8 +9,8 @@ from shapely import MultiPoint, Point
 
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import PlanningScene, closer_than, nearest
-from rf_exp.tasks import Task, Variation, drawn_of, load_task, read_variation
-from rf_exp.tasks.task.clutter import APART_M, HOUSEHOLD, MARGIN_M, drawn_piece, household, zones
+from rf_exp.tasks import Task, Variation, load_task, read_variation, scene_draws
+from rf_exp.tasks.task.clutter import CLUTTER_KINDS, MARGIN_M, MIN_GAP_M, clutter_asset, random_piece, zones
 from tests.conftest import read_task
 
 CLUTTER, INSTANCES = read_variation("clutter"), read_variation("instances")
@@ -26,11 +26,11 @@ def test_clutter_stands_off_what_a_task_is_about(task: Task) -> None:
     """Whatever the seed of the objects: their whole ranges are free, and so are places, bases and hands."""
     starts = [task.start(seed) for seed in range(20)]
     for seed in SEEDS:
-        scene = replace(task, variation=CLUTTER).of(seed)
+        scene = replace(task, variation=CLUTTER).in_scene(seed)
         kept_free, _ = zones(task, task.places(scene.start(seed).scene))
         outlines = [outline(piece) for piece in scene.clutter.values()]
         assert 3 <= len(outlines) <= 8
-        assert all(one.distance(other) >= APART_M for one, other in combinations(outlines, 2))
+        assert all(one.distance(other) >= MIN_GAP_M for one, other in combinations(outlines, 2))
         assert not any(kept_free.intersects(each) for each in outlines)
         for start in starts:
             for name, pose in start.poses.items():
@@ -46,9 +46,9 @@ def test_clutter_stands_off_what_a_task_is_about(task: Task) -> None:
 def test_clutter_is_in_the_way_and_nothing_is_at_the_start(task: Task) -> None:
     for variation in (CLUTTER, INSTANCES, replace(CLUTTER, object_size=(1.5, 1.5))):
         for seed in SEEDS[:2]:
-            scene = replace(task, variation=variation).of(seed)
+            scene = replace(task, variation=variation).in_scene(seed)
             world = PlanningScene(scene, scene.start(seed).scene)
-            still = world.standing()
+            still = world.static_objects()
             assert {*scene.clutter} <= {*still.labels}
             for agent in scene.agents:
                 assert not closer_than(world.measured(agent), still, 0.0).any(), (seed, agent)
@@ -56,19 +56,19 @@ def test_clutter_is_in_the_way_and_nothing_is_at_the_start(task: Task) -> None:
 
 @pytest.mark.slow
 def test_an_arm_that_reaches_into_clutter_meets_it() -> None:
-    task = replace(read_task("pick_meat"), variation=replace(CLUTTER, clutter=(10, 10))).of(0)
+    task = replace(read_task("pick_meat"), variation=replace(CLUTTER, clutter=(10, 10))).in_scene(0)
     scene = task.start(0).scene
     name, piece = next(iter(task.clutter.items()))
-    hand = task.arms[1].tcp(task.robots[0].at_rest)[:3, 3]
+    hand = task.arms[1].tcp(task.robots[0].rest_qpos)[:3, 3]
     there = piece.world_from_object.copy()
     there[:3, 3] = hand[0], hand[1], hand[2] - 0.02
     world = PlanningScene(task, replace(scene, clutter={**scene.clutter, name: there}))
-    gap = nearest(world.measured(1), world.standing())
+    gap = nearest(world.measured(1), world.static_objects())
     assert gap is not None and gap.distance_m < 0 and gap.b == name
 
 
 def test_what_is_not_an_object_is_not_spoken_of(task: Task) -> None:
-    scene = replace(task, variation=CLUTTER).of(1)
+    scene = replace(task, variation=CLUTTER).in_scene(1)
     assert scene.clutter and scene.vocabulary == task.vocabulary
     assert {*scene.start(1).poses} == {*task.objects} == {*scene.objects}
     assert {*scene.start(1).scene.clutter} == {*scene.clutter}
@@ -79,15 +79,15 @@ def test_what_is_not_an_object_is_not_spoken_of(task: Task) -> None:
 def test_a_scene_says_what_has_found_no_place() -> None:
     task = read_task("lift_barrier")
     crowded = replace(task, variation=Variation("x", clutter=(10, 10), clutter_area_m=(0.34, 0.59)))
-    drawn = [drawn_of(crowded, seed) for seed in SEEDS]
+    drawn = [scene_draws(crowded, seed) for seed in SEEDS]
     assert any(each["clutter_left_out"] for each in drawn)
     for seed, each in zip(SEEDS, drawn, strict=True):
         assert len(each["clutter"]) + each["clutter_left_out"] == 10
-        there = crowded.of(seed).clutter
+        there = crowded.in_scene(seed).clutter
         assert {name: one["x_m"] for name, one in each["clutter"].items()} == {
             name: piece.x_m for name, piece in there.items()
         }
-    assert drawn == [drawn_of(crowded, seed) for seed in SEEDS]
+    assert drawn == [scene_draws(crowded, seed) for seed in SEEDS]
 
 
 def test_no_file_says_where_clutter_stands() -> None:
@@ -98,13 +98,13 @@ def test_no_file_says_where_clutter_stands() -> None:
 def test_evaluation_has_other_shapes_in_other_colours() -> None:
     assert CLUTTER.held_out == replace(CLUTTER, clutter_set="unseen")
     assert INSTANCES.held_out is INSTANCES
-    assert not {*HOUSEHOLD["seen"]} & {*HOUSEHOLD["unseen"]}
+    assert not {*CLUTTER_KINDS["seen"]} & {*CLUTTER_KINDS["unseen"]}
     kinds, hues = {}, {}
-    for of in HOUSEHOLD:
-        pieces = [drawn_piece(of, np.random.default_rng(seed)) for seed in range(300)]
+    for of in CLUTTER_KINDS:
+        pieces = [random_piece(of, np.random.default_rng(seed)) for seed in range(300)]
         kinds[of] = {piece.kind for piece in pieces}
         hues[of] = {int(_hue(colour) // 60) for piece in pieces for colour in piece.colours}
-        assert kinds[of] == {*HOUSEHOLD[of]}
+        assert kinds[of] == {*CLUTTER_KINDS[of]}
     assert hues == {"seen": {0, 2, 4}, "unseen": {1, 3, 5}}
 
 
@@ -114,11 +114,11 @@ def _hue(colour) -> float:
     return (360 * rgb_to_hsv(*colour)[0] + 1e-6) % 360
 
 
-@pytest.mark.parametrize(("of", "kind"), [(of, kind) for of in HOUSEHOLD for kind in HOUSEHOLD[of]])
+@pytest.mark.parametrize(("of", "kind"), [(of, kind) for of in CLUTTER_KINDS for kind in CLUTTER_KINDS[of]])
 def test_pieces_are_convex_and_stand(of: str, kind: str) -> None:
-    _, least, most = HOUSEHOLD[of][kind]
+    _, least, most = CLUTTER_KINDS[of][kind]
     for size in (least, most):
-        asset = household(of, kind, size, (0.5, 0.1, 0.1), (0.1, 0.1, 0.5))
+        asset = clutter_asset(of, kind, size, (0.5, 0.1, 0.1), (0.1, 0.1, 0.5))
         assert all(hull.is_watertight and hull.is_convex and hull.volume > 0 for hull in asset.hulls)
         low, high = (bounds for bounds in asset.bounds_m)
         assert low[2] == pytest.approx(0, abs=1e-9)

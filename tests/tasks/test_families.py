@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.artifacts import plain
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen import Settings, allocated, make_episode
+from rf_exp.datagen import Settings, allocate_jobs, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs import central
 from rf_exp.errors import ArgumentError
@@ -57,7 +57,7 @@ def test_a_member_is_a_task_like_any_other(name: str) -> None:
         assert planning_scene.between(a, b).distance_m > AGENT_MARGIN_M, (a, b)
     assert not SuccessEvaluator(task, scene)(scene).success
     limits = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).limits
-    proposal = allocated(task.module.plan(scene, task), task, scene, limits)
+    proposal = allocate_jobs(task.module.plan(scene, task), task, scene, limits)
     if len(task.objects) > 2:  # one thing is taken by one arm of the pool
         assert {subgoal.agent for subgoal in proposal.subgoals} == set(task.agents)
     for subgoal in proposal.subgoals:

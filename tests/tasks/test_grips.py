@@ -37,20 +37,22 @@ class Arms:
         ways = []
         for arm, joints, goal in zip(self.arms, command[:, :7], goals, strict=True):
             if straight:
-                way = motion.straight(arm, joints, goal, LIMITS)
+                line = motion.straight_line(arm, joints, goal, LIMITS)
             else:
-                way = np.stack([joints, _facing(arm, goal)])
-            assert way is not None, f"no way to {goal[:3, 3]}"
-            ways.append(interp1d(np.linspace(0, 1, len(way)), way, axis=0))
+                line = np.stack([joints, _facing(arm, goal)])
+            assert line is not None, f"no way to {goal[:3, 3]}"
+            ways.append(interp1d(np.linspace(0, 1, len(line)), line, axis=0))
         for share in [*np.linspace(0, 1, steps)[1:], *[1.0] * 10]:
-            command[:, :7] = [way(share) for way in ways]
+            command[:, :7] = [line(share) for line in ways]
             command[:, 7] = gripper
             self.scene = self.simulator.step(command)
 
 
 def _facing(arm: Arm, goal: Matrix) -> np.ndarray:
     at = (inverse(arm.world_from_base) @ goal)[:2, 3]
-    joints = arm.solve(goal, np.array([np.arctan2(at[1], at[0]), *REST_RAD[1:-1], arm.facing(goal)]))
+    joints = arm.solve(
+        goal, np.array([np.arctan2(at[1], at[0]), *REST_RAD[1:-1], arm.preferred_last_rad(goal)])
+    )
     assert joints is not None, f"{goal[:3, 3]} is out of reach"
     return joints
 

@@ -26,7 +26,7 @@ def test_the_place_in_front_is_where_the_camera_will_look(height_m, further_m):
     lifts = [each.height_m for each in held_camera.camera_up(scene, PHOTO)]
     assert lifts == ([pytest.approx(further_m)] * 2 if further_m else [])
     there = replace(scene, poses={**scene.poses, "steak": held_camera.places(scene, PHOTO)["front"]})
-    off_m = np.tan(np.deg2rad(held_camera.aim_deg(there, PHOTO))) * held_camera.FRONT_M
+    off_m = np.tan(np.deg2rad(held_camera.aim_deg(there, PHOTO))) * held_camera.STEAK_DISTANCE_M
     assert off_m == pytest.approx(further_m, abs=1e-6)
     assert bool(held_camera.steak_in_front(there, PHOTO)) == (further_m > 0.02)
 

@@ -26,8 +26,8 @@ def hinge() -> Hinge:
 
 @pytest.mark.parametrize("opened_deg", [0.0, 1e-3, 63.0, 90.0, 105.0])
 def test_the_angle_of_a_thing_that_is_open_is_how_far_it_is_open(hinge: Hinge, opened_deg: float) -> None:
-    turned = hinge.turned(np.deg2rad(opened_deg))
-    assert np.rad2deg(hinge.opened_rad(turned)) == pytest.approx(opened_deg, abs=1e-9)
+    turned = hinge.closed_from_object(np.deg2rad(opened_deg))
+    assert np.rad2deg(hinge.angle_rad(turned)) == pytest.approx(opened_deg, abs=1e-9)
     axis = hinge.object_from_hinge[:, 3]
     np.testing.assert_allclose(turned @ axis, axis, atol=1e-12)
     if opened_deg == 90.0:  # its top is what leans back
@@ -36,17 +36,17 @@ def test_the_angle_of_a_thing_that_is_open_is_how_far_it_is_open(hinge: Hinge, o
 
 def test_many_angles_are_many_poses(hinge: Hinge) -> None:
     angles = np.linspace(0.0, 1.5, 6).reshape(2, 3)
-    poses = hinge.turned(angles)
+    poses = hinge.closed_from_object(angles)
     assert poses.shape == (2, 3, 4, 4)
-    np.testing.assert_allclose(hinge.opened_rad(poses), angles, atol=1e-12)
+    np.testing.assert_allclose(hinge.angle_rad(poses), angles, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_lid_starts_open_on_its_box(seed: int) -> None:
     task = read_task(NAME)
     poses = task.start(seed).poses
-    assert np.rad2deg(task.opened_rad("lid", poses)) == pytest.approx(105.0)
-    shut = task.hung("lid", poses, 0.0)
+    assert np.rad2deg(task.hinge_rad("lid", poses)) == pytest.approx(105.0)
+    shut = task.hinged_poses("lid", poses, 0.0)
     np.testing.assert_allclose(shut, poses["box"] @ planar(0.0, 0.0, 0.0, box_lid.SHUT_Z_M), atol=1e-12)
 
 
@@ -54,7 +54,7 @@ def test_a_hinge_is_part_of_what_a_thing_is_and_grows_with_it(hinge: Hinge) -> N
     lid = assets.load("box_lid")
     other = Asset("box_lid", lid.parts, {}, lid.mass_kg, friction=lid.friction)
     same = Asset("box_lid", lid.parts, {}, lid.mass_kg, friction=lid.friction, hinge=hinge)
-    assert other.content != same.content
+    assert other.content_digest != same.content_digest
     larger = lid.scaled(1.2).hinge
     assert larger is not None and larger.open_deg == hinge.open_deg
     grown = hinge.object_from_hinge[:3, 3] * 1.2
@@ -87,7 +87,7 @@ def test_an_annotation_says_a_hinge_and_what_is_wrong_with_one(hinge: Hinge) -> 
     said = HingeSpec.of(hinge)
     again = said.hinge()
     assert asdict(HingeSpec.of(again)) == asdict(said)
-    np.testing.assert_allclose(again.turned(0.7), hinge.turned(0.7), atol=1e-6)
+    np.testing.assert_allclose(again.closed_from_object(0.7), hinge.closed_from_object(0.7), atol=1e-6)
     slanted = HingeSpec((0.0, 0.0, 0.0), 90.0, 30.0, 1.0, 0.1, axis=(0.0, 2.0, 2.0)).hinge()
     np.testing.assert_allclose(slanted.object_from_hinge[:3, 1], np.sqrt([0.0, 0.5, 0.5]), atol=1e-12)
     with pytest.raises(ArgumentError, match=r"axis of the hinge is \(0, 0, 0\)"):

@@ -34,7 +34,7 @@ def box(height_m: float = 0.04) -> trimesh.Trimesh:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in assets.available() if not assets.load(name).ghost])
+@pytest.mark.parametrize("name", [name for name in assets.available() if not assets.load(name).visual_only])
 def test_a_built_in_asset_comes_back_from_its_own_mesh_and_annotation(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -53,7 +53,7 @@ def test_a_built_in_asset_comes_back_from_its_own_mesh_and_annotation(
         for said in ("kind", "standoff_m", "width_m", "turns", "tip_deg", "slack_m"):
             assert getattr(got, said) == getattr(expected, said)
     np.testing.assert_allclose(own.bounds_m, built_in.bounds_m, atol=1e-6)
-    seen = [part for part in own.parts if part.seen]
+    seen = [part for part in own.parts if part.visible]
     for part in built_in.parts:
         assert any(np.allclose(part.colour, other.colour, atol=0.003) for other in seen)
     # What was paint is solid now, less than a millimetre thick.
@@ -73,7 +73,7 @@ def test_every_format_gives_the_same_body(suffix: str, tmp_path: Path) -> None:
     (solid,) = asset.hulls
     assert solid.volume == pytest.approx(0.06 * 0.04 * 0.04, rel=1e-4)
     if suffix != ".stl":  # which knows no colour
-        assert [part.colour for part in asset.parts if part.seen] == [pytest.approx((1, 0, 0), abs=0.01)]
+        assert [part.colour for part in asset.parts if part.visible] == [pytest.approx((1, 0, 0), abs=0.01)]
 
 
 @pytest.mark.slow
@@ -89,7 +89,7 @@ def test_a_bowl_stays_hollow_and_is_cut_the_same_way_each_time(tmp_path: Path) -
         assert not hull.contains([[0, 0, 0.02]]).any()
     for one, other in zip(asset.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(one.vertices, other.vertices)
-    (seen,) = [part for part in asset.parts if part.seen]
+    (seen,) = [part for part in asset.parts if part.visible]
     assert not seen.solid and len(seen.mesh.faces) == len(ring.faces)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.ablation.tables import known
+from rf_exp.ablation.tables import inputs
 from rf_exp.data.release import environment
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks import Borrowed, assets, named_task, read_task
+from rf_exp.tasks import ReleaseParts, assets, named_task, read_task
 from rf_exp.tasks.assets.asset import annotated
-from rf_exp.tasks.robofactory.borrowed import known_cameras
+from rf_exp.tasks.robofactory.release_parts import known_cameras
 from tests.conftest import CONF, TASKS, experiment
 from tests.tasks import release_assets as theirs
 
@@ -42,11 +42,11 @@ def test_an_asset_stands_is_as_large_and_is_acted_on_as_its_files_say(like: str,
         if point.kind == "grasp":
             assert made.points[name].width_m == pytest.approx(point.width_m, abs=2e-3)
     assert all(hull.is_convex for hull in made.hulls)
-    assert made.content != ours.content and made.name == f"{like}_of_release"
+    assert made.content_digest != ours.content_digest and made.name == f"{like}_of_release"
 
 
 def test_a_lid_hangs_on_its_box_where_the_urdf_says(folder: Path) -> None:
-    task = read_task(CONF / "task/three_robots_place_shoes.yaml", borrowed=borrowed(folder))
+    task = read_task(CONF / "task/three_robots_place_shoes.yaml", release_parts=release_parts(folder))
     assert task.objects["lid"].z_m == pytest.approx(SEATS_M["box_lid"], abs=1e-5)
     made, ours = task.asset("lid"), assets.load("box_lid")
     assert made.hinge is not None and ours.hinge is not None
@@ -58,8 +58,8 @@ def test_a_lid_hangs_on_its_box_where_the_urdf_says(folder: Path) -> None:
     )
 
 
-def borrowed(folder: Path | None = None, cameras: bool = False) -> Borrowed:
-    return Borrowed(
+def release_parts(folder: Path | None = None, cameras: bool = False) -> ReleaseParts:
+    return ReleaseParts(
         "release" if folder else None, str(folder) if folder else None, "release" if cameras else None
     )
 
@@ -69,14 +69,14 @@ def borrowed(folder: Path | None = None, cameras: bool = False) -> Borrowed:
 
 def test_what_a_task_has_of_the_release_is_in_its_name_title_and_identity(folder: Path) -> None:
     path = CONF / "task/lift_barrier.yaml"
-    usual, both = read_task(path), read_task(path, borrowed=borrowed(folder, cameras=True))
+    usual, both = read_task(path), read_task(path, release_parts=release_parts(folder, cameras=True))
     assert both.name == "lift_barrier+release_assets+release_cameras"
     assert both.title == "Lift Barrier (assets and cameras of the release)"
     assert both.module is usual.module and both.asset("barrier").name == "barrier_of_release"
     differs = {key for key, value in both.identity.items() if value != usual.identity[key]}
     assert differs == {"objects", "cameras"} and str(folder) not in str(both.identity)
     cubes = CONF / "task/stack_cube.yaml"  # of which the release has nothing but what is ours too
-    assert read_task(cubes, borrowed=borrowed(folder)) == read_task(cubes)
+    assert read_task(cubes, release_parts=release_parts(folder)) == read_task(cubes)
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -99,10 +99,10 @@ def test_a_quaternion_of_a_camera_is_of_sapiens_frame() -> None:
 
 
 def test_tables_and_exports_tell_what_was_borrowed() -> None:
-    suite = known.facts([read_task(CONF / "task/lift_barrier.yaml")])
+    suite = inputs.facts([read_task(CONF / "task/lift_barrier.yaml")])
     called = "lift_barrier-ur5+release_assets+release_cameras"
-    assert known.title_of(called, suite) == "Lift Barrier (ur5) (assets and cameras of the release)"
-    assert known.agents_of(called, suite) == 2
+    assert inputs.title_of(called, suite) == "Lift Barrier (ur5) (assets and cameras of the release)"
+    assert inputs.agents_of(called, suite) == 2
     assert environment("lift_barrier+release_cameras") == "LiftBarrier-rf"
 
 
@@ -128,14 +128,14 @@ def test_an_experiment_names_what_it_uses(folder: Path) -> None:
 )
 def test_keys_that_do_not_go_together_are_refused(keys: dict[str, str], message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
-        Borrowed(**keys)
+        ReleaseParts(**keys)
 
 
 def test_what_the_release_or_a_folder_does_not_have_is_named(folder: Path) -> None:
     with pytest.raises(ArgumentError, match="the release has no cameras of 'lift'; it has some of pick_meat"):
-        read_task(CONF / "task/family/lift.yaml", borrowed=borrowed(cameras=True))
+        read_task(CONF / "task/family/lift.yaml", release_parts=release_parts(cameras=True))
     with pytest.raises(ArgumentError, match=r"object 'cup': there is no .*models\.json"):
-        read_task(CONF / "task/place_cube_in_cup.yaml", borrowed=borrowed(folder))
+        read_task(CONF / "task/place_cube_in_cup.yaml", release_parts=release_parts(folder))
 
 
 # -- files that are not as the release's ---------------------------------------------------------------
@@ -160,7 +160,7 @@ def test_an_annotation_that_is_another_is_refused_by_its_key(
     changes: Any, message: str, tmp_path: Path
 ) -> None:
     theirs.write(tmp_path, "barrier")
-    path = tmp_path / "objects" / assets.released()["barrier"].annotation
+    path = tmp_path / "objects" / assets.release_sources()["barrier"].annotation
     said = json.loads(path.read_text())
     path.write_text(json.dumps({**said, **changes}))
     with pytest.raises(ArgumentError, match=message):
@@ -175,7 +175,7 @@ def fresh(folder: Path, like: str) -> Any:
 
 def test_files_that_are_missing_or_broken_are_named(tmp_path: Path) -> None:
     theirs.write(tmp_path, "lid", "pot", SEATS_M["lid"])
-    urdf = tmp_path / "objects" / assets.released()["lid"].mesh
+    urdf = tmp_path / "objects" / assets.release_sources()["lid"].mesh
     usual = urdf.read_text()
     for text, message in (
         ("<robot", "URDF .* cannot be read"),
@@ -190,6 +190,6 @@ def test_files_that_are_missing_or_broken_are_named(tmp_path: Path) -> None:
     urdf.unlink()
     with pytest.raises(ArgumentError, match=re.escape(f"there is no {urdf}")):
         fresh(tmp_path, "lid")
-    (tmp_path / "objects" / assets.released()["lid"].annotation).write_text("{")
+    (tmp_path / "objects" / assets.release_sources()["lid"].annotation).write_text("{")
     with pytest.raises(ArgumentError, match=r"annotation .*model_data.json cannot be read"):
         fresh(tmp_path, "lid")

@@ -20,7 +20,7 @@ def test_a_scene_of_objects_of_other_sizes_is_whole(task: Task) -> None:
     usual = replace(task, variation=INSTANCES)
     found = []
     for seed in SEEDS:
-        scene, start = usual.of(seed), usual.start(seed)
+        scene, start = usual.in_scene(seed), usual.start(seed)
         for name, spec in scene.objects.items():
             before, now = task.asset(name), scene.asset(name)
             assert now is scene.asset(name) and scene.asset(name) is before.scaled(spec.size)
@@ -57,8 +57,8 @@ def test_sizes_fill_their_range() -> None:
 
 def test_another_size_is_another_content() -> None:
     cube = load("cube")
-    assert cube.scaled(1.0) is cube and cube.scaled(1.1).content != cube.content
-    assert cube.scaled(1.1).content == cube.scaled(1.1).content
+    assert cube.scaled(1.0) is cube and cube.scaled(1.1).content_digest != cube.content_digest
+    assert cube.scaled(1.1).content_digest == cube.scaled(1.1).content_digest
 
 
 def test_a_size_is_in_the_identity_of_a_task() -> None:
@@ -73,7 +73,7 @@ def test_a_size_is_in_the_identity_of_a_task() -> None:
 @pytest.mark.parametrize("size", [0.85, 1.15])
 def test_success_follows_the_sizes(size: float) -> None:
     """A stack of cubes of other sizes is a stack; one as high as usual cubes would make it is none."""
-    task = replace(read_task("stack_cube"), variation=Variation("x", object_size=(size, size))).of(0)
+    task = replace(read_task("stack_cube"), variation=Variation("x", object_size=(size, size))).in_scene(0)
     start = task.start(0).scene
     for off_m, holds in ((0.0, True), ((1 - size) * 0.04, False)):
         pose = start.poses["red"].copy()

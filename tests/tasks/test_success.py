@@ -158,7 +158,7 @@ def test_conditions_with_a_number_say_by_how_much(place_food, cooked):
     inside = verdict.measured["steak inside the pot"]
     assert not inside and verdict.evidence["steak inside the pot"] is False
     assert inside.value == pytest.approx(np.hypot(*(np.array([0.4, 0.0]) - start.poses["pot"][:2, 3])))
-    assert (inside.bound, inside.unit, inside.asked) == (place_food.success["inside_m"], "m", "< 0.055")
+    assert (inside.bound, inside.unit, inside.requirement) == (place_food.success["inside_m"], "m", "< 0.055")
     assert "released" not in verdict.measured  # a condition may be a bare yes or no
 
 

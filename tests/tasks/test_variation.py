@@ -5,10 +5,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from rf_exp.artifacts import without
+from rf_exp.artifacts import drop_defaults
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks import NONE, Task, Variation, drawn_of, read_variation, scene_certificate
-from rf_exp.tasks.task.variation import EXACT, MOVING, draw, keys_of
+from rf_exp.tasks import NO_VARIATION, Task, Variation, read_variation, scene_certificate, scene_draws
+from rf_exp.tasks.task.variation import NO_DEVICE_ERRORS, SCENE_KEYS, draw, keys_of
 from rf_exp.types import Light, joints_of
 from tests.conftest import CONF, experiment, read_task
 
@@ -19,7 +19,7 @@ SEEDS = range(100)
 
 def of_full(name: str) -> bool:
     """Whether a choice is a part of `full`; whether policies are told of it draws nothing."""
-    said = without(read_variation(name).identity, calibration="unknown")
+    said = drop_defaults(read_variation(name).identity, calibration="unknown")
     return said.items() <= FULL.identity.items() and name not in ("none", "full")
 
 
@@ -31,9 +31,13 @@ def varied(name: str, how: str) -> Task:
 
 
 def test_the_clean_world_stays_as_it_was(task: Task) -> None:
-    assert task.variation == NONE and not NONE.identity and read_variation("none") == NONE
-    assert task.of(3) is task and task.start(3).devices == EXACT
-    assert drawn_of(task, 3) == {} and scene_certificate(task, 3) == {}
+    assert (
+        task.variation == NO_VARIATION
+        and not NO_VARIATION.identity
+        and read_variation("none") == NO_VARIATION
+    )
+    assert task.in_scene(3) is task and task.start(3).devices == NO_DEVICE_ERRORS
+    assert scene_draws(task, 3) == {} and scene_certificate(task, 3) == {}
     assert "variation" not in task.identity
     assert not any("turn_deg" in each for each in task.identity["cameras"].values())
 
@@ -44,7 +48,7 @@ def test_every_choice_is_read_alike_with_and_without_hydra(name: str) -> None:
     assert asked.tasks[0].variation == read_variation(name)
     assert asked.evaluated == read_variation(name).held_out and asked.evaluated.name == name
     apart = experiment("task=lift_barrier", f"variation@evaluated={name}")
-    assert apart.tasks[0].variation == NONE and apart.evaluated.name == name
+    assert apart.tasks[0].variation == NO_VARIATION and apart.evaluated.name == name
 
 
 def test_the_choice_full_has_every_factor() -> None:
@@ -63,7 +67,7 @@ def test_any_arm_may_be_the_one_that_is_late() -> None:
     assert {each.agent for each in late if each is not None} == {*task.agents}
     assert {(each.delay_steps, each.dark) for each in late if each is not None} == {(20, False)}
     said = scene_certificate(task, 0)["drawn"]["devices"]["impaired"]
-    assert said == drawn_of(task, 0)["devices"]["impaired"] and said["delay_steps"] == 20
+    assert said == scene_draws(task, 0)["devices"]["impaired"] and said["delay_steps"] == 20
     assert "impaired" not in scene_certificate(varied("take_photo", "full"), 0)["drawn"]["devices"]
 
 
@@ -73,7 +77,7 @@ def test_one_factor_draws_alone_what_it_draws_beside_the_others(name: str) -> No
     differ = 0
     for seed in SEEDS:
         one, others = (dict(_flat(draw(each, seed).plain())) for each in (alone, beside))
-        nothing = dict(_flat(draw(replace(alone, variation=NONE), seed).plain()))
+        nothing = dict(_flat(draw(replace(alone, variation=NO_VARIATION), seed).plain()))
         for key, value in one.items():
             if key.endswith("shift_m.2"):  # a table that is higher lowers cameras too
                 shift_m = others[key] + others["table_height_m"]
@@ -119,7 +123,10 @@ def test_draws_fill_their_ranges_and_stay_in_them() -> None:
 
 
 def test_what_demonstrations_show_is_not_what_evaluation_shows() -> None:
-    assert (FULL.textures, FULL.held_out.textures) == ("seen", "unseen") and NONE.held_out is NONE
+    assert (FULL.textures, FULL.held_out.textures) == (
+        "seen",
+        "unseen",
+    ) and NO_VARIATION.held_out is NO_VARIATION
     for variation in (FULL, FULL.held_out):
         task = replace(read_task("pick_meat"), variation=replace(variation, clutter=(0, 0)))
         looks = [task.start(seed).look for seed in SEEDS]
@@ -148,10 +155,10 @@ def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
     """Its arms and cameras are where the seed has drawn them; things lie where they always do."""
     usual = replace(task, variation=FULL)
     for seed in range(5):
-        scene = usual.of(seed)
+        scene = usual.in_scene(seed)
         drawn = draw(usual, seed)
-        assert scene.of(seed) is scene and usual.of(seed) == scene
-        assert not any(getattr(scene.variation, name) != getattr(NONE, name) for name in MOVING)
+        assert scene.in_scene(seed) is scene and usual.in_scene(seed) == scene
+        assert not any(getattr(scene.variation, name) != getattr(NO_VARIATION, name) for name in SCENE_KEYS)
         for robot, before, (x_m, y_m, yaw_deg) in zip(scene.robots, task.robots, drawn.bases, strict=True):
             moved = robot.world_from_base[:3, 3] - before.world_from_base[:3, 3]
             np.testing.assert_allclose(moved, [x_m, y_m, -drawn.table_height_m], atol=1e-12)
@@ -167,8 +174,8 @@ def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
         assert scene.start(seed).devices == start.devices
         for name, pose in clean.poses.items():
             if task.asset(name).hinge is not None:
-                opened_rad = scene.opened_rad(name, start.poses)
-                np.testing.assert_allclose(opened_rad, task.opened_rad(name, clean.poses), atol=1e-9)
+                hinge_rad = scene.hinge_rad(name, start.poses)
+                np.testing.assert_allclose(hinge_rad, task.hinge_rad(name, clean.poses), atol=1e-9)
                 continue
             expected = pose.copy()
             expected[2, 3] *= drawn.sizes[name]
@@ -181,12 +188,12 @@ def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
 def test_a_scene_is_drawn_by_its_seed_alone() -> None:
     task = varied("pick_meat", "full")
     seeds = range(12)
-    first = [drawn_of(task, seed) for seed in seeds]
-    assert first == [drawn_of(task, seed) for seed in seeds]
+    first = [scene_draws(task, seed) for seed in seeds]
+    assert first == [scene_draws(task, seed) for seed in seeds]
     assert len({str(each) for each in first}) == len(seeds)
     said = scene_certificate(task, 7)
     assert said["drawn"] == first[7]
-    stands = task.of(7)
+    stands = task.in_scene(7)
     np.testing.assert_array_equal(said["calibration"]["world_from_base"][0], stands.robots[0].world_from_base)
     for name, camera in said["calibration"]["cameras"].items():
         np.testing.assert_array_equal(camera["parent_from_camera"], stands.parent_from_camera(name))

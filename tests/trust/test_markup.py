@@ -9,13 +9,13 @@ import pytest
 from rf_exp.ablation import Results
 from rf_exp.ablation.formats import markdown
 from rf_exp.ablation.tables import build
-from rf_exp.ablation.tables.known import TaskFacts
+from rf_exp.ablation.tables.inputs import TaskFacts
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.demonstration.notes import Phase, Round
+from rf_exp.demonstration.episode_log import Phase, Round
 from rf_exp.demonstration.page import write_page
 from rf_exp.findings import Account, Cause, CheckName, Finding, Unmet, Violation
-from rf_exp.statements import Proposal, Unread
+from rf_exp.statements import Proposal, UnparsedStatement
 from rf_exp.store import Description, Store, card
 from rf_exp.types import ConstraintSet, Measured, Rollout, Subgoal, Verdict
 from rf_exp.viz import text
@@ -78,7 +78,7 @@ def demonstration(payload: str, folder: Path) -> str:
     task = replace(LIFT, title=payload, description=payload, target_condition=payload)
     settings = Settings.configured(task, ConstraintSet(payload, spatial=False), ScriptedSpec())
     goal = Subgoal(1, "grasp", payload, payload)
-    proposal = Proposal((goal,), (Unread("logical", (1,), payload, payload),))
+    proposal = Proposal((goal,), (UnparsedStatement("logical", (1,), payload, payload),))
     phase = Phase(0.0, (goal,), reached=True)
     checked = Round(0.0, results=results(payload), phases=(phase,), violation=refused(payload))
     checked.measured = {payload: results(payload)[0]}
@@ -99,9 +99,11 @@ def recorded(payload: str, folder: Path) -> str:
     )
     verdict = verdict._replace(lost={payload: payload})
     rollout = Rollout(0, False, False, 3, 1, 0, Account(ended=payload), 1)
-    proposal = Proposal((Subgoal(1, "grasp", payload),), (Unread("logical", (1,), payload, payload),))
+    proposal = Proposal(
+        (Subgoal(1, "grasp", payload),), (UnparsedStatement("logical", (1,), payload, payload),)
+    )
     parts = (
-        text.proposal(proposal), text.judged_code(results(payload)), text.verdicts(results(payload)),
+        text.proposal(proposal), text.code_with_values(results(payload)), text.verdicts(results(payload)),
         text.summary(results(payload)), text.conditions(verdict, {payload: 1, "lifted": 2}),
         text.outcome(rollout),
     )  # fmt: skip

@@ -22,15 +22,15 @@ from websockets.sync.server import ServerConnection
 from rf_exp import ablation, rescue
 from rf_exp.ablation import append_row
 from rf_exp.ablation.__main__ import main as tables
-from rf_exp.client import checked, pack
-from rf_exp.command import guarded
+from rf_exp.client import pack, validate_chunk
+from rf_exp.command import run_guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.datagen.brain import BadAnswer, from_json
-from rf_exp.errors import ArgumentError, RfError, StageError, WorkerDied, portable
+from rf_exp.errors import ArgumentError, RfError, StageError, WorkerDied, picklable_error
 from rf_exp.findings import Account, Unmet
 from rf_exp.policy import make_policy
 from rf_exp.policy.foreign.remote import Remote
-from rf_exp.progress import Progress, Screen, complaints, console
+from rf_exp.progress import Progress, Screen, console, error_console
 from rf_exp.tasks import load_task
 from rf_exp.texts import LONGEST_ERROR, printable, shown
 from tests.ablation.conftest import evaluation, generation
@@ -72,7 +72,7 @@ def test_what_can_be_shown_stays_as_it_is() -> None:
 @pytest.mark.parametrize("kind", [RfError, ArgumentError, StageError, WorkerDied, BadAnswer])
 def test_an_error_is_one_line_whoever_is_repeated_in_it(kind: type[RfError]) -> None:
     error = kind(f"policy server says {LONG}; start it again")
-    for each in (error, pickle.loads(pickle.dumps(error)), portable(error)):
+    for each in (error, pickle.loads(pickle.dumps(error)), picklable_error(error)):
         said = str(each)
         assert said.isprintable() and len(said) < LONGEST_ERROR + 100
         assert said.startswith("policy server says") and said.endswith("; start it again")
@@ -82,7 +82,7 @@ def test_a_screen_shows_words_whatever_they_are_part_of(capsys: pytest.CaptureFi
     grid = Table(title=ORDERS)
     grid.add_column(ORDERS)
     grid.add_row(ORDERS)
-    for screen in (console, complaints):
+    for screen in (console, error_console):
         screen.print(ORDERS, LONG, grid)
     with Progress(ORDERS, 2, "steps") as progress:
         progress.advance(2, note=ORDERS)
@@ -164,7 +164,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     def call(job: Callable[[], Any], *arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["rf_exp", *map(str, arguments)])
         capsys.readouterr()
-        code = guarded(job)
+        code = run_guarded(job)
         said = capsys.readouterr()
         return code, expect_words(said.out), expect_words(said.err)
 
@@ -186,7 +186,7 @@ def chained() -> Exception:
         except ValueError as error:
             raise StageError(f"the server says {error}") from error
     except StageError as error:
-        return portable(error)
+        return picklable_error(error)
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def test_no_command_ends_with_a_strangers_orders(
     monkeypatch.setenv("HYDRA_FULL_ERROR", full)
     monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["rf_exp"])
-    assert guarded(raising(error)) in (1, 2)
+    assert run_guarded(raising(error)) in (1, 2)
     told = expect_words(capsys.readouterr().err, 500_000, lines=full == "1")  # with the traceback
     assert MARK in told and (full == "1" or len(told) < LONGEST_ERROR + 200)
     if (tmp_path / "error.log").exists():
@@ -243,7 +243,7 @@ def test_a_policy_server_gives_no_orders(run: Run, converse: Any) -> None:
         with server(converse) as address:
             remote = Remote(address, 20.0, 20.0)
             try:
-                checked(remote.act({"qpos": np.zeros(3)}), 2)
+                validate_chunk(remote.act({"qpos": np.zeros(3)}), 2)
             except ValueError as error:
                 raise StageError(*error.args) from error
 

@@ -39,12 +39,12 @@ class FlowMatching(Head):
         return functional.l1_loss(self.unet(on_the_line, TIMES * time, self.trunk(condition)), actions)
 
     def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
-        given = self.trunk(condition)
-        rows = [torch.randn(self._chunk, generator=each) for each in generators]
-        sample = torch.stack(rows).to(given.device)
+        projected = self.trunk(condition)
+        rows = [torch.randn(self._chunk, generator=generator) for generator in generators]
+        sample = torch.stack(rows).to(projected.device)
         for step in range(self._steps):
-            time = torch.full((len(sample),), step / self._steps, device=given.device)
-            end = self.unet(sample, TIMES * time, given)
+            time = torch.full((len(sample),), step / self._steps, device=projected.device)
+            end = self.unet(sample, TIMES * time, projected)
             sample = sample + (end - sample) / (self._steps - step)
         return sample
 

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from rf_exp.constraints import BoundedCheck, Evidence, OneAgentCheck, Plan
 from rf_exp.constraints.stl import Specification
 from rf_exp.findings import CheckName, Finding
-from rf_exp.statements import OfAgent, agent_name
+from rf_exp.statements import OneAgentStatement, agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
 
 
 @dataclass(frozen=True)
-class OwnSide(OfAgent):
+class OwnSide(OneAgentStatement):
     """The gripper of an agent stays nearer to its own base than to any other one."""
 
     kind = "spatial"
@@ -32,7 +32,7 @@ OwnSide.samples = (OwnSide(1),)
 class OwnSideCheck(OneAgentCheck, BoundedCheck):
     """How much nearer the gripper of an agent is to its own base. Value and bound in metres."""
 
-    states, name, unit = OwnSide, CheckName.OCCUPANCY, "m"
+    statement_type, name, unit = OwnSide, CheckName.OCCUPANCY, "m"
     finding, comparison, bounds = Finding.CONSTRAINT, ">", (0.0, 0.0)  # as planned, and as measured
 
     text: str
@@ -40,11 +40,11 @@ class OwnSideCheck(OneAgentCheck, BoundedCheck):
     def planned(self, plan: Plan) -> Evidence:
         nearer_m = self._nearer_m(plan, plan.trajectory(self.agent).path())
         at = self.worst(nearer_m)
-        return self.judged(nearer_m[at], plan.time_s(self.agent, at))
+        return self.evidence_for(nearer_m[at], plan.time_s(self.agent, at))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence:
         nearer_m = self._nearer_m(plan, scene.qpos[self.agent - 1][None])
-        return self.judged(nearer_m[0], scene.time_s, measured=True)
+        return self.evidence_for(nearer_m[0], scene.time_s, measured=True)
 
     def _nearer_m(self, plan: Plan, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
         """(P,) of the tool centre point at joints (P, 7 or more)."""
@@ -54,5 +54,7 @@ class OwnSideCheck(OneAgentCheck, BoundedCheck):
         return np.delete(away_m, self.agent - 1, axis=1).min(axis=1) - away_m[:, self.agent - 1]
 
     def stl(self, task: Task) -> Specification:
-        how = f"how much nearer the gripper of Agent_{self.agent} is to its own base than to any other one"
-        return self.formula(f"nearer_{self.agent}", how)
+        description = (
+            f"how much nearer the gripper of Agent_{self.agent} is to its own base than to any other one"
+        )
+        return self.formula(f"nearer_{self.agent}", description)

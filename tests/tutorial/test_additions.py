@@ -25,14 +25,14 @@ def run(code: str) -> str:
 
 @pytest.mark.slow
 def test_a_new_kind_is_read_checked_and_shown_to_models():
-    told = run(
+    output = run(
         """
         from dataclasses import replace
         import numpy as np
         from tests.tutorial.own_side import OwnSide
         from rf_exp.constraints import RoboChecker
         from rf_exp.coordination import sequential
-        from rf_exp.constraints.stl import Execution, judged, kept
+        from rf_exp.constraints.stl import Execution, evaluate_check, monitor_verdict
         from rf_exp.datagen.brain.language import constraint_forms
         from rf_exp.statements import Proposal, read
         from rf_exp.types import ConstraintSet
@@ -59,16 +59,18 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         (check,) = (each for each in checker.checks if repr(each).startswith("OwnSideCheck"))
         for seen in (scene, replace(scene, qpos=qpos)):
             execution = Execution(checked.plan, [seen])
-            (found,) = judged(execution, check)
-            assert found.holds == kept(execution, check) == (seen is scene)
+            (found,) = evaluate_check(execution, check)
+            assert found.holds == monitor_verdict(execution, check) == (seen is scene)
         """
     )
-    assert re.fullmatch(r"at [\d.]+ s 'Agent_1 must stay on its own side.': -0\.\d+ m \(bound 0 m\)\n", told)
+    assert re.fullmatch(
+        r"at [\d.]+ s 'Agent_1 must stay on its own side.': -0\.\d+ m \(bound 0 m\)\n", output
+    )
 
 
 @pytest.mark.slow
 def test_a_new_verb_has_its_form_and_its_words():
-    told = run(
+    output = run(
         """
         from rf_exp.statements import Before, Step, Verb, add_verb, read, read_subgoal, subgoal_forms
         from tests.constraints.robots import real
@@ -81,12 +83,12 @@ def test_a_new_verb_has_its_form_and_its_words():
         print(said.sentence)
         """
     )
-    assert told == "Agent_2 must wipe lid before Agent_1 may lift steak.\n"
+    assert output == "Agent_2 must wipe lid before Agent_1 may lift steak.\n"
 
 
 @pytest.mark.slow
 def test_a_new_verb_is_planned_checked_and_scheduled_with_the_others():
-    told = run(
+    output = run(
         """
         import numpy as np
         from tests.tutorial.hover import OVER_M
@@ -118,7 +120,7 @@ def test_a_new_verb_is_planned_checked_and_scheduled_with_the_others():
         print(plan.proposal.constraints[0].sentence)
         """
     )
-    assert told == "Agent_2 must hover pot before Agent_1 may grasp steak.\n"
+    assert output == "Agent_2 must hover pot before Agent_1 may grasp steak.\n"
 
 
 @pytest.mark.slow
@@ -139,7 +141,7 @@ def test_a_verb_without_a_motion_primitive_is_refused():
 
 @pytest.mark.slow
 def test_a_new_set_of_constraints_is_a_file():
-    told = run(
+    output = run(
         """
         from hydra import compose, initialize_config_dir
         from omegaconf import OmegaConf
@@ -163,7 +165,7 @@ def test_a_new_set_of_constraints_is_a_file():
         print(own.name, *sorted({check.kind for check in checker.checks}))
         """
     )
-    assert told == "spatial_temporal spatial temporal\n"
+    assert output == "spatial_temporal spatial temporal\n"
 
 
 def test_a_verb_whose_words_mean_another_one_is_refused():
@@ -181,4 +183,4 @@ def test_every_verb_has_words_of_its_own(name):
     verb = VERBS[name]
     assert verb.form.split()[0] == name
     if verb.words:
-        assert name in verb.finite and verb.third_person != verb.gerund
+        assert name in verb.finite_forms and verb.third_person != verb.gerund

@@ -14,7 +14,7 @@ TRAINS = """
     from rf_exp.command import register_all_tasks
     from rf_exp.errors import ArgumentError, StageError
     from rf_exp.experiment import read_experiment
-    from rf_exp.keys.known import known, unknown
+    from rf_exp.keys.known import known_keys, unknown_keys
     from rf_exp.policy import DiffusionRunner, import_code, load_policy, train, views
     from rf_exp.store import Store
     from tests.conftest import CONF
@@ -28,9 +28,9 @@ TRAINS = """
         node = compose("config", ["recipe=test", folder, "policy=NAME", *small])
         node = OmegaConf.to_container(node, resolve=True)
     import_code(node["policy"])
-    assert not list(unknown(node, known(node, {})))
+    assert not list(unknown_keys(node, known_keys(node, {})))
     node["policy"]["head"]["NAME"]["stepz"] = 3
-    assert list(unknown(node, known(node, {}))) == ["policy.head.NAME.stepz"]
+    assert list(unknown_keys(node, known_keys(node, {}))) == ["policy.head.NAME.stepz"]
     del node["policy"]["head"]["NAME"]["stepz"]
     asked = read_experiment(node)
     out = Path(tempfile.mkdtemp())
@@ -55,15 +55,15 @@ TRAINS = """
 def test_a_head_from_outside_learns_and_commands(name: str) -> None:
     size = "picture={width: 48, height: 32}"
     code = TRAINS.replace('f"picture={{width: WIDTH, height: HEIGHT}}"', repr(size)).replace("NAME", name)
-    made = run(code).strip()
-    told = run(
+    folder = run(code).strip()
+    output = run(
         f"""
         from rf_exp.errors import StageError
         from rf_exp.policy import load_policy
         try:
-            load_policy(__import__("pathlib").Path({made!r}), "cpu")
+            load_policy(__import__("pathlib").Path({folder!r}), "cpu")
         except StageError as error:
             print(error)
         """
     )
-    assert f"unknown head {name!r}; available: diffusion, refined, regression" in told
+    assert f"unknown head {name!r}; available: diffusion, refined, regression" in output

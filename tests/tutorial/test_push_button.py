@@ -60,9 +60,9 @@ def test_the_laws_are_held_to_a_task_outside_of_the_package(tmp_path: Path) -> N
         text=True,
         timeout=300,
     )
-    said = [line for line in run.stdout.splitlines() if line.startswith("push_button: ")]
-    assert len(said) == sum(not law.pictures for law in LAWS), run.stdout + run.stderr
-    (broken,) = (line.split(": ", 2)[2] for line in said if not line.endswith(": holds"))
+    lines = [line for line in run.stdout.splitlines() if line.startswith("push_button: ")]
+    assert len(lines) == sum(not law.pictures for law in LAWS), run.stdout + run.stderr
+    (broken,) = (line.split(": ", 2)[2] for line in lines if not line.endswith(": holds"))
     assert run.returncode == 1
     text = (ROOT / "docs/adding_a_task.md").read_text("utf-8")
     assert f'"{broken}"' in " ".join(text.split())
@@ -70,13 +70,15 @@ def test_the_laws_are_held_to_a_task_outside_of_the_package(tmp_path: Path) -> N
 
 def test_the_document_shows_the_files_as_they_are() -> None:
     text = (ROOT / "docs/adding_a_task.md").read_text("utf-8")
-    shown = dict(re.findall(r"^`(tests/tutorial/\S+)`:\n\n```\w+\n(.*?)```$", text, re.MULTILINE | re.DOTALL))
-    assert set(shown) == {
+    quoted = dict(
+        re.findall(r"^`(tests/tutorial/\S+)`:\n\n```\w+\n(.*?)```$", text, re.MULTILINE | re.DOTALL)
+    )
+    assert set(quoted) == {
         "tests/tutorial/conf/task/push_button.yaml",
         "tests/tutorial/button.py",
         "tests/tutorial/push_button.py",
     }
-    for path, content in shown.items():
+    for path, content in quoted.items():
         assert content == (ROOT / path).read_text("utf-8"), path
 
 
@@ -87,11 +89,11 @@ def test_the_figures_of_the_document_are_those_of_the_code() -> None:
     rest = ", ".join(f"{angle:.3f}".removesuffix(".000") for angle in DEFAULT.rest_rad)
     tasks = [read_task(name) for name in TASKS]
     nearest_m = min(
-        np.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+        np.hypot(robot.x_m - other.x_m, robot.y_m - other.y_m)
         for task in tasks
-        for one, other in combinations(task.robots, 2)
+        for robot, other in combinations(task.robots, 2)
     )
-    for told in (
+    for figure in (
         f"top is {x:g} x {y:g} m, {across}",
         f"without it `[{rest}]`",
         f"two arms must be more than {100 * AGENT_MARGIN_M:g} cm apart",
@@ -99,7 +101,7 @@ def test_the_figures_of_the_document_are_those_of_the_code() -> None:
         f"no two bases are nearer than {nearest_m:g} m",
         f"Fingers open to {200 * DEFAULT.hand.open_m:g} cm",
     ):
-        assert told in text, told
+        assert figure in text, figure
 
 
 def test_the_document_names_the_rows_that_the_command_writes() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from rf_exp.types import Schedule
 from rf_exp.viz import VIOLATED
-from rf_exp.viz.figures import coordination, coordination_size_px, lanes
+from rf_exp.viz.figures import coordination, coordination_size_px, timeline
 from rf_exp.viz.layout import OBJECT, ORDERED, PRIMITIVES, WAITS, primitive_colour
 from tests.viz.recorded import POSES, QPOS, TIMED, TWO, Content, open_recorder, still
 
@@ -47,7 +47,7 @@ def test_every_pair_has_a_diagram_of_its_own():
 
 @pytest.mark.slow
 def test_the_picture_of_lanes_shows_motion_and_waiting():
-    picture = lanes(TWO, TIMED)
+    picture = timeline(TWO, TIMED)
     shown = {tuple(colour) for colour in picture.reshape(-1, 3).tolist()}
     assert {PRIMITIVES["approach"], PRIMITIVES["close"], WAITS} <= shown
     assert PRIMITIVES["lift"] not in shown
@@ -60,8 +60,8 @@ def test_the_picture_of_lanes_shows_motion_and_waiting():
 
 def test_an_agent_that_has_nothing_to_do_has_a_lane_of_its_own():
     positions = np.column_stack([TIMED.positions, np.zeros(len(TIMED.positions), int)])
-    picture = lanes((*TWO, still(3)), Schedule(positions, TIMED.makespan_bound))
-    assert picture.shape[0] > lanes(TWO, TIMED).shape[0]
+    picture = timeline((*TWO, still(3)), Schedule(positions, TIMED.makespan_bound))
+    assert picture.shape[0] > timeline(TWO, TIMED).shape[0]
 
 
 def test_a_primitive_without_a_colour_is_grey():
@@ -70,11 +70,11 @@ def test_a_primitive_without_a_colour_is_grey():
 
 def test_the_point_in_the_diagram_moves_with_the_plan(path):
     with open_recorder(path) as recorder:
-        recorder.positions(np.array([0, 0]))  # no plan yet: nothing to show
+        recorder.path_positions(np.array([0, 0]))  # no plan yet: nothing to show
         recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
         for step in range(3):
             recorder.step(step, poses=POSES, qpos=QPOS)
-            recorder.positions(TIMED.positions[10 + step])
+            recorder.path_positions(TIMED.positions[10 + step])
     content = Content(path)
     assert len(content.column("/plan/diagrams", "EncodedImage:blob")) == 1
     places = np.array(content.column("/plan/diagrams/now", "Points2D:positions"))[:, 0]

@@ -61,9 +61,9 @@ CLASH = Violation(
 def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(path):
     with open_recorder(path) as recorder:
         recorder.violation(BLOCKED)
-        recorder.checked(RESULTS)
+        recorder.plan_checks(RESULTS)
         recorder.step(5, poses=POSES, qpos=QPOS)
-        recorder.checked(RESULTS[:1])
+        recorder.plan_checks(RESULTS[:1])
     content = Content(path)
     [refused], [first], [both] = content.column("/plan/checks", "TextDocument:text")
     assert (
@@ -121,7 +121,7 @@ def test_conditions_are_lanes_and_numbers_are_curves(path):
             recorder.margin(name, value)
         recorder.distance(1, 2, 0.125)
         recorder.contact("agent 1 on barrier", 7.5)
-        recorder.judged(Markdown("so far"))
+        recorder.judgement(Markdown("so far"))
     content = Content(path)
 
     def lane(name: str, component: str) -> list:

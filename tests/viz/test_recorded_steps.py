@@ -86,7 +86,7 @@ def test_what_is_predicted_belongs_to_the_steps_to_come(path):
     chunk = np.tile(ACTION[0], (3, 1)) + np.arange(3)[:, None] * 0.1
     with open_recorder(path, panels="rollout") as recorder:
         recorder.step(4, poses=POSES, qpos=QPOS)
-        recorder.predicted(1, 5, chunk)
+        recorder.predicted_targets(1, 5, chunk)
         recorder.path(1, "predicted", np.zeros((3, 3)))
         recorder.note("now")
     content = Content(path)

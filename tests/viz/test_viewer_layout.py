@@ -26,12 +26,12 @@ def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(pat
         recorder.step(
             0, poses=POSES, qpos=QPOS, action=ACTION, pictures={"global": PICTURE, "agent1": PICTURE}
         )
-        recorder.predicted(1, 1, ACTION[:1])
+        recorder.predicted_targets(1, 1, ACTION[:1])
         recorder.condition("up", False, "up: not yet")
         recorder.margin("up", 0.1)
         recorder.distance(1, 2, 0.3)
         recorder.contact("agent 1 on barrier", 3.0)
-        recorder.judged(Markdown("so far"))
+        recorder.judgement(Markdown("so far"))
     origins, names, classes = layout(path)
     assert classes.count("2D") == len(CAMERAS) + legends(names, classes)  # and no diagrams
     assert {"conditions over time", "distance of arms (cm)", "contacts (N)", "verdict"} <= set(names)
@@ -49,8 +49,8 @@ def legends(names: list[str], classes: list[str]) -> int:
 def test_a_legend_says_once_what_each_curve_is(path):
     with open_recorder(path, panels="rollout") as recorder:
         recorder.step(0, poses=POSES, qpos=QPOS, action=ACTION)
-        recorder.predicted(1, 1, ACTION[:1])
-        recorder.predicted(1, 1, ACTION[:1])
+        recorder.predicted_targets(1, 1, ACTION[:1])
+        recorder.predicted_targets(1, 1, ACTION[:1])
         recorder.distance(1, 2, 0.3)
         recorder.distance(1, 2, 0.2)
     content = Content(path)
@@ -79,7 +79,7 @@ def test_the_layout_is_in_the_file(path, cameras):
     with open_recorder(path, cameras=cameras) as recorder:
         recorder.step(0, poses=POSES, qpos=QPOS)
         recorder.proposal(Proposal((), ()))
-        recorder.checked(RESULTS)
+        recorder.plan_checks(RESULTS)
         recorder.motion(1, "home", "move")
         recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
     origins, names, classes = layout(path)

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.tables.brains import brains
-from rf_exp.ablation.tables.counting import ours, trial, unvaried
+from rf_exp.ablation.tables.counting import without_final, without_foreign, without_variation
 from rf_exp.ablation.tables.expert import ablation_length, ablation_success
-from rf_exp.ablation.tables.known import Suite
+from rf_exp.ablation.tables.inputs import Suite
 from rf_exp.ablation.tables.notes import learnt_from
 from rf_exp.ablation.tables.overview import benchmark, comparison, tasks
 from rf_exp.ablation.tables.policies import architectures, final, foreign, recipes, shield
@@ -29,12 +29,15 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
     """Every table, by name, for a suite of tasks; `robustness`, `final`, `brains` only if they have lines."""
-    of_trial = trial(results)
-    usual = unvaried(of_trial)
-    own = ours(usual)  # without rollouts of foreign policies
-    tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
-    notes = learnt_from(own)
+    trial = without_final(results)
+    nominal = without_variation(trial)
+    own_results = without_foreign(nominal)  # without rollouts of foreign policies
+    tables = {
+        name: builder(nominal if builder is foreign else own_results, suite)
+        for name, builder in TABLES.items()
+    }
+    notes = learnt_from(own_results)
     tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
-    unseen = final(ours(unvaried(results)), suite)
-    further = robustness(of_trial, suite), unseen, brains(usual, suite)
-    return {**tables, **{table.name: table for table in further if table.lines}}
+    final_table = final(without_foreign(without_variation(results)), suite)
+    optional = robustness(trial, suite), final_table, brains(nominal, suite)
+    return {**tables, **{table.name: table for table in optional if table.lines}}

@@ -12,7 +12,7 @@ from statistics import fmean
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, grouped, newest
 from rf_exp.ablation.statistics import mean, wilson
-from rf_exp.ablation.tables.known import paper
+from rf_exp.ablation.tables.inputs import paper
 from rf_exp.ablation.tables.table import Length, Rate, Violations
 from rf_exp.types import FOREIGN, UNVARIED
 
@@ -33,7 +33,7 @@ def unshielded(results: Results) -> list[EvaluationRow]:
     return [row for row in results.evaluation if not row.shield]
 
 
-def ours(results: Results) -> Results:
+def without_foreign(results: Results) -> Results:
     """The results without rollouts of foreign policies."""
     return replace(results, evaluation=tuple(row for row in results.evaluation if row.arch != FOREIGN.name))
 
@@ -43,13 +43,13 @@ def varies(row: EvaluationRow) -> bool:
     return {row.variation, row.learned_on} != {UNVARIED}
 
 
-def unvaried(results: Results) -> Results:
+def without_variation(results: Results) -> Results:
     """The results of scenes and policies without variation, for all tables but `robustness`."""
-    generated = tuple(row for row in results.generation if row.variation == UNVARIED)
-    return replace(results, generation=generated, evaluation=tuple(filterfalse(varies, results.evaluation)))
+    generation = tuple(row for row in results.generation if row.variation == UNVARIED)
+    return replace(results, generation=generation, evaluation=tuple(filterfalse(varies, results.evaluation)))
 
 
-def trial(results: Results) -> Results:
+def without_final(results: Results) -> Results:
     """The results without final scenes, which `final` alone counts."""
     return replace(results, evaluation=tuple(row for row in results.evaluation if not row.final))
 
@@ -58,7 +58,7 @@ def is_baseline(row: EvaluationRow) -> bool:
     return (row.arch, row.constraints) == (BASELINE_ARCH, BASELINE_CONSTRAINTS)
 
 
-def under_all(rows: Iterable[EvaluationRow]) -> list[EvaluationRow]:
+def with_all_constraints(rows: Iterable[EvaluationRow]) -> list[EvaluationRow]:
     """The rollouts of policies that learnt from demonstrations under all constraints."""
     return [row for row in rows if row.constraints == BASELINE_CONSTRAINTS]
 
@@ -79,26 +79,28 @@ def recipes_of(rows: Iterable[EvaluationRow]) -> list[str]:
     return sorted(counts, key=key.__getitem__) or ["paper"]
 
 
-def but_first(recipe: str, recipes: Sequence[str]) -> str:
+def recipe_suffix(recipe: str, recipes: Sequence[str]) -> str:
     """The suffix of line keys for recipes after the first."""
     return "" if recipe == recipes[0] else f"-{recipe}"
 
 
-def generated(results: Results) -> dict[tuple[str, str, str, bool], list[GenerationRow]]:
+def group_attempts(results: Results) -> dict[tuple[str, str, str, bool], list[GenerationRow]]:
     """The attempts by task, constraints, brain, and whether the demonstration is disturbed."""
     return grouped(
         results.generation, lambda row: (row.task, row.constraints, row.brain, row.disturbance_rad > 0)
     )
 
 
-def both_ways(rows: Sequence[EvaluationRow]) -> tuple[list[EvaluationRow], list[EvaluationRow]]:
+def split_by_shield(rows: Sequence[EvaluationRow]) -> tuple[list[EvaluationRow], list[EvaluationRow]]:
     """Rows without and with a shield: of the scenes that have both, or all rows if no scene has.
 
     Rows are of one version of the criteria.
     """
-    scenes = [{(r.train_seed, r.scene_seed) for r in rows if r.shield is way} for way in (False, True)]
-    both = scenes[0] & scenes[1]
-    compared = [r for r in rows if not both or (r.train_seed, r.scene_seed) in both]
+    scenes_by_shield = [
+        {(r.train_seed, r.scene_seed) for r in rows if r.shield is shield} for shield in (False, True)
+    ]
+    shared_scenes = scenes_by_shield[0] & scenes_by_shield[1]
+    compared = [r for r in rows if not shared_scenes or (r.train_seed, r.scene_seed) in shared_scenes]
     return [r for r in compared if not r.shield], [r for r in compared if r.shield]
 
 
@@ -107,70 +109,70 @@ def core_minutes(rows: Iterable[EvaluationRow]) -> float:
     return fmean({row.train_seed: row.core_s for row in rows}.values()) / 60
 
 
-def rate(rows: Iterable[GenerationRow | EvaluationRow], figure: float | None) -> Rate:
+def rate(rows: Iterable[GenerationRow | EvaluationRow], paper_value: float | None) -> Rate:
     """The rate of strict success over every attempt, also without a violation, with Wilson's intervals."""
-    kept, note = newest(rows)
-    if not kept:
-        return Rate(paper=figure)
-    estimate = wilson(sum(row.success for row in kept), len(kept))
-    seeds = {row.train_seed for row in kept if isinstance(row, EvaluationRow)}
-    pooled = f"{len(seeds)} training seeds together" if len(seeds) > 1 else ""
+    counted, note = newest(rows)
+    if not counted:
+        return Rate(paper=paper_value)
+    estimate = wilson(sum(row.success for row in counted), len(counted))
+    seeds = {row.train_seed for row in counted if isinstance(row, EvaluationRow)}
+    seeds_note = f"{len(seeds)} training seeds together" if len(seeds) > 1 else ""
     return Rate(
         value=estimate.value,
-        n=len(kept),
+        n=len(counted),
         interval=estimate.interval,
-        paper=figure,
-        note="; ".join(filter(None, [note, pooled])),
-        success_paper=sum(row.success_paper for row in kept) / len(kept),
-        version=kept[0].version,
-        clean=wilson(sum(row.success and not row.violations for row in kept), len(kept)),
+        paper=paper_value,
+        note="; ".join(filter(None, [note, seeds_note])),
+        success_paper=sum(row.success_paper for row in counted) / len(counted),
+        version=counted[0].version,
+        clean=wilson(sum(row.success and not row.violations for row in counted), len(counted)),
     )
 
 
-def length(rows: Iterable[GenerationRow], figure: float | None) -> Length:
+def length(rows: Iterable[GenerationRow], paper_value: float | None) -> Length:
     """Mean control steps of the successful episodes, with Student's t interval."""
-    kept, note = newest(rows)
-    if not kept:
-        return Length(paper=figure)
-    version, steps = kept[0].version, [float(row.steps) for row in kept if row.success]
+    counted, note = newest(rows)
+    if not counted:
+        return Length(paper=paper_value)
+    version, steps = counted[0].version, [float(row.steps) for row in counted if row.success]
     if not steps:
-        none = "; ".join(filter(None, [f"no success in {len(kept)} attempts", note]))
-        return Length(instead="no success", paper=figure, note=none, version=version)
+        message = "; ".join(filter(None, [f"no success in {len(counted)} attempts", note]))
+        return Length(placeholder="no success", paper=paper_value, note=message, version=version)
     estimate = mean(steps)
     interval = estimate.interval if len(steps) > 1 else None
-    return Length(estimate.value, len(steps), interval, note, version, paper=figure)
+    return Length(estimate.value, len(steps), interval, note, version, paper=paper_value)
 
 
-def violations(rows: Iterable[GenerationRow | EvaluationRow], of: str = "violations") -> Violations:
+def violations(rows: Iterable[GenerationRow | EvaluationRow], field: str = "violations") -> Violations:
     """The share of attempts with at least one violation, with Wilson's interval, and the mean number.
 
-    `of` may name another field to be counted alike.
+    `field` may name another field to be counted alike.
     """
-    kept, note = newest(rows)
-    if not kept:
+    counted, note = newest(rows)
+    if not counted:
         return Violations()
-    counts = [getattr(row, of) for row in kept]
-    found = wilson(sum(count > 0 for count in counts), len(kept))
-    version = kept[0].version
-    return Violations(found.value, found.n, found.interval, note, version, mean_violations=fmean(counts))
+    counts = [getattr(row, field) for row in counted]
+    share = wilson(sum(count > 0 for count in counts), len(counted))
+    version = counted[0].version
+    return Violations(share.value, share.n, share.interval, note, version, mean_violations=fmean(counts))
 
 
 def rates(
-    rows: Sequence[GenerationRow | EvaluationRow], figure: float | None = None
+    rows: Sequence[GenerationRow | EvaluationRow], paper_value: float | None = None
 ) -> tuple[Rate, Violations]:
     """The rate of success, and the violations of the same attempts."""
-    return rate(rows, figure), violations(rows)
+    return rate(rows, paper_value), violations(rows)
 
 
-def lengths(rows: Sequence[GenerationRow], figure: float | None) -> tuple[Length, Violations]:
+def lengths(rows: Sequence[GenerationRow], paper_value: float | None) -> tuple[Length, Violations]:
     """The length of the successful episodes, and the violations on the way to them."""
-    ours = length(rows, figure)
-    if ours.instead:
-        return ours, Violations(instead=ours.instead, version=ours.version)
-    return ours, violations([row for row in newest(rows)[0] if row.success])
+    mean_length = length(rows, paper_value)
+    if mean_length.placeholder:
+        return mean_length, Violations(placeholder=mean_length.placeholder, version=mean_length.version)
+    return mean_length, violations([row for row in newest(rows)[0] if row.success])
 
 
-def average(cells: Sequence[Rate | Violations], figure: float | None) -> Rate | Violations:
+def average(cells: Sequence[Rate | Violations], paper_value: float | None) -> Rate | Violations:
     """The mean of the figures of a level; missing until every task of it was measured."""
     values = [cell.value for cell in cells if cell.value is not None]
     note = f"{len(values)} of {len(cells)} tasks measured" if values else ""
@@ -178,6 +180,8 @@ def average(cells: Sequence[Rate | Violations], figure: float | None) -> Rate | 
     value, n, note = (None, 0, note) if missing else (fmean(values), sum(cell.n for cell in cells), "")
     means = [cell.mean_violations for cell in cells if isinstance(cell, Violations)]
     if not means:
-        return Rate(value, n, note=note, paper=figure)
-    known = [each for each in means if each is not None]
-    return Violations(value, n, note=note, mean_violations=None if missing or not known else fmean(known))
+        return Rate(value, n, note=note, paper=paper_value)
+    measured = [each for each in means if each is not None]
+    return Violations(
+        value, n, note=note, mean_violations=None if missing or not measured else fmean(measured)
+    )

@@ -27,9 +27,10 @@ def learnt_from(results: Results) -> tuple[str, ...]:
             f"{n} seeds of disturbed demonstrations do not measure the expert: they count in a column of "
             "their own, and not in the ablation."
         )
-    if told := sorted({row.recipe for row in results.evaluation if row.observation == "state"}):
+    if recipes := sorted({row.recipe for row in results.evaluation if row.observation == "state"}):
         notes.append(
-            f"Policies of recipe {', '.join(told)} are given the true poses of all things (privileged state)."
+            f"Policies of recipe {', '.join(recipes)} are given the true poses of all things "
+            "(privileged state)."
         )
     disturbed = grouped(results.evaluation, lambda row: row.disturbance_rad)
     notes += [
@@ -66,7 +67,7 @@ def left_out(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
     )
 
 
-def gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> list[str]:
+def difference_notes(label: str, rates: Mapping[str, Estimate | None], reference: str) -> list[str]:
     """Differences to a reference in percentage points, with Newcombe's interval, as one note."""
     base = rates.get(reference)
     if base is None:
@@ -80,14 +81,14 @@ def gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> li
     return [f"{label}, against {reference}: {'; '.join(parts)}."] if parts else []
 
 
-def gaps_by_column(
-    lines: Sequence[Line], columns: Sequence[Column], reference: str, told: str
+def difference_notes_by_column(
+    lines: Sequence[Line], columns: Sequence[Column], reference: str, label: str
 ) -> Iterator[str]:
-    """Yields for each column the gaps of its rates to the line titled `reference`; `told` describes them."""
+    """Yields for each column the gaps of its rates to the line titled `reference`; `label` describes them."""
     for index, column in enumerate(columns):
         cells = {line.title: line.cells[index] for line in lines}
         rates = {title: cell.estimate for title, cell in cells.items() if isinstance(cell, Rate)}
-        yield from gaps(f"{column.title}, {told}", rates, reference)
+        yield from difference_notes(f"{column.title}, {label}", rates, reference)
 
 
 def mixed_versions(lines: Sequence[Line], by_column: Sequence[Column] = ()) -> tuple[str, ...]:

@@ -12,18 +12,18 @@ from rf_exp.ablation.tables.counting import (
     BASELINE_BRAIN,
     BASELINE_CONSTRAINTS,
     average,
-    but_first,
     core_minutes,
     demos_of,
-    generated,
+    group_attempts,
     is_baseline,
     length,
     rates,
+    recipe_suffix,
     recipes_of,
     tasks_of,
     unshielded,
 )
-from rf_exp.ablation.tables.known import Suite, agents_of, paper, title_of
+from rf_exp.ablation.tables.inputs import Suite, agents_of, paper, title_of
 from rf_exp.ablation.tables.table import (
     Cell,
     Column,
@@ -33,7 +33,7 @@ from rf_exp.ablation.tables.table import (
     Table,
     Text,
     Violations,
-    of_texts,
+    text_columns,
     with_violations,
 )
 
@@ -42,37 +42,38 @@ LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals,
 
 def tasks(results: Results, suite: Suite) -> Table:
     """Every task: its description (paper, supplementary task table) and how far it is solved."""
-    rows, attempts = unshielded(results), generated(results)
+    rows, attempts = unshielded(results), group_attempts(results)
     demos, recipe = demos_of(rows), recipes_of(rows)[0]
     baseline = [row for row in rows if is_baseline(row) and row.recipe == recipe]
     disturbed = any(row.disturbance_rad for row in results.generation)
     columns = (
-        *of_texts(agents="Agents", criteria="Criteria version"),
+        *text_columns(agents="Agents", criteria="Criteria version"),
         *with_violations("generated", "Data generation"),
         Column("length", "Episode length", Length),
         *(with_violations("disturbed", "Data generation, disturbed") if disturbed else ()),
         *_demos_columns(demos),
-        *of_texts(description="Description", condition="Target condition"),
+        *text_columns(description="Description", condition="Target condition"),
     )
     lines = []
     for task in tasks_of([*paper().levels, *suite], (*results.generation, *rows)):
-        known = suite.get(task)
-        made, mended = (
-            attempts.get((task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, way), []) for way in (False, True)
+        facts = suite.get(task)
+        generated, disturbed_rows = (
+            attempts.get((task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, is_disturbed), [])
+            for is_disturbed in (False, True)
         )
         cells = (
             Text(str(agents_of(task, suite) or "")),
-            Text(known.version if known else ""),
-            *rates(made, paper().ablation_success["full"].get(task)),
-            length(made, paper().ablation_length["full"].get(task)),
-            *(rates(mended) if disturbed else ()),
+            Text(facts.version if facts else ""),
+            *rates(generated, paper().ablation_success["full"].get(task)),
+            length(generated, paper().ablation_length["full"].get(task)),
+            *(rates(disturbed_rows) if disturbed else ()),
             *_baseline_cells([row for row in baseline if row.task == task], task, demos),
-            Text(known.description if known else ""),
-            Text(known.condition if known else ""),
+            Text(facts.description if facts else ""),
+            Text(facts.condition if facts else ""),
         )
         lines.append(Line(task, title_of(task, suite), cells))
-    absent = [title_of(task, suite) for task in paper().levels if task not in suite]
-    gap = [f"Tasks of the paper without a configuration: {', '.join(absent)}."] if absent else []
+    missing = [title_of(task, suite) for task in paper().levels if task not in suite]
+    missing_notes = [f"Tasks of the paper without a configuration: {', '.join(missing)}."] if missing else []
     return Table(
         "tasks",
         "Tasks",
@@ -83,7 +84,7 @@ def tasks(results: Results, suite: Suite) -> Table:
         "Task",
         columns,
         tuple(lines),
-        (*gap, *notes.left_out(rows), *notes.shielded(results), *notes.mixed_versions(lines)),
+        (*missing_notes, *notes.left_out(rows), *notes.shielded(results), *notes.mixed_versions(lines)),
     )
 
 
@@ -96,9 +97,9 @@ def benchmark(results: Results, suite: Suite) -> Table:
     rows = unshielded(results)
     demos, recipes = demos_of(rows), recipes_of(rows)
     columns = (
-        *of_texts(agents="Agents", recipe="Recipe"),
+        *text_columns(agents="Agents", recipe="Recipe"),
         *_demos_columns(demos),
-        *of_texts(core_minutes="Core-minutes"),
+        *text_columns(core_minutes="Core-minutes"),
     )
     measured = grouped(filter(is_baseline, rows), lambda row: (row.task, row.recipe))
 
@@ -108,22 +109,24 @@ def benchmark(results: Results, suite: Suite) -> Table:
             if not own and recipe != recipes[0]:
                 continue
             by_demos = grouped((row for row in own if row.core_s), lambda row: row.demos)
-            minutes = " / ".join(f"{core_minutes(some):.1f}" for _, some in sorted(by_demos.items()))
-            said = Text(str(agents_of(task, suite) or "")), Text(recipe)
-            cells = (*said, *_baseline_cells(own, task, demos), Text(minutes))
-            yield Line(task + but_first(recipe, recipes), title_of(task, suite), cells)
+            minutes = " / ".join(
+                f"{core_minutes(demo_rows):.1f}" for _, demo_rows in sorted(by_demos.items())
+            )
+            texts = Text(str(agents_of(task, suite) or "")), Text(recipe)
+            cells = (*texts, *_baseline_cells(own, task, demos), Text(minutes))
+            yield Line(task + recipe_suffix(recipe, recipes), title_of(task, suite), cells)
 
     lines: list[Line] = []
     for recipe, agents in product(recipes, paper().averages):
         level = [name for name, count in paper().levels.items() if count == agents]
-        of_level = list(lines_of(level, recipe))
-        lines += of_level
-        if len(of_level) == len(level):
-            key = f"average_{agents}{but_first(recipe, recipes)}"
-            lines.append(_average(key, agents, recipe, columns, of_level))
-    further = [name for name in tasks_of(suite, rows) if name not in paper().levels]
+        level_lines = list(lines_of(level, recipe))
+        lines += level_lines
+        if len(level_lines) == len(level):
+            key = f"average_{agents}{recipe_suffix(recipe, recipes)}"
+            lines.append(_average(key, agents, recipe, columns, level_lines))
+    other_tasks = [name for name in tasks_of(suite, rows) if name not in paper().levels]
     for recipe in recipes:
-        lines += lines_of(further, recipe)
+        lines += lines_of(other_tasks, recipe)
     return Table(
         "benchmark",
         "Diffusion policy baseline",
@@ -144,28 +147,28 @@ def _demos_columns(demos: Iterable[int]) -> Iterator[Column]:
 def _baseline_cells(rows: Sequence[EvaluationRow], task: str, demos: Iterable[int]) -> Iterator[Cell]:
     """A rate with its violations for each number of demonstrations, of rows of one task and recipe."""
     for count in demos:
-        figure = paper().baseline.get(task, {}).get(count)
-        yield from rates([row for row in rows if row.demos == count], figure)
+        paper_value = paper().baseline.get(task, {}).get(count)
+        yield from rates([row for row in rows if row.demos == count], paper_value)
 
 
 def _average(key: str, agents: int, recipe: str, columns: Sequence[Column], lines: Sequence[Line]) -> Line:
     """The line of averages below the tasks with a number of agents."""
     cells: list[Cell] = [Text(str(agents)), Text(recipe)]
     for index, column in enumerate(columns):
-        below = [cell for line in lines if isinstance(cell := line.cells[index], Rate | Violations)]
-        if below:
-            figure = None if column.demos is None else paper().averages[agents].get(column.demos)
-            cells.append(average(below, figure))
+        averaged = [cell for line in lines if isinstance(cell := line.cells[index], Rate | Violations)]
+        if averaged:
+            paper_value = None if column.demos is None else paper().averages[agents].get(column.demos)
+            cells.append(average(averaged, paper_value))
     return Line(key, "Average", (*cells, Text("")), average=True)
 
 
 def comparison(results: Results, suite: Suite) -> Table:
     """What embodied benchmarks cover (paper, comparison of benchmarks), and this suite by its tasks."""
-    columns = of_texts(single="Single-agent", multi="Multi-agent", level="Task level")
+    columns = text_columns(single="Single-agent", multi="Multi-agent", level="Task level")
     counts = [task.agents for task in suite.values()]
-    here = (1 in counts, any(agents > 1 for agents in counts), LEVEL)
+    this_suite = (1 in counts, any(agents > 1 for agents in counts), LEVEL)
     lines = []
-    for name, (single, multi, level) in {**paper().comparison, "This suite": here}.items():
+    for name, (single, multi, level) in {**paper().comparison, "This suite": this_suite}.items():
         texts = ("yes" if single else "no", "yes" if multi else "no", level)
         lines.append(Line(name, name, tuple(map(Text, texts))))
     levels = ", ".join(f"{n} with {agents}" for agents, n in sorted(Counter(counts).items()))

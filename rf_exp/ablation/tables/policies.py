@@ -10,17 +10,17 @@ from rf_exp.ablation.rows import FINAL_SEED, EvaluationRow, grouped, newest
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.counting import (
     BASELINE_ARCH,
-    both_ways,
-    but_first,
     is_baseline,
     rates,
+    recipe_suffix,
     recipes_of,
+    split_by_shield,
     tasks_of,
-    under_all,
     unshielded,
     violations,
+    with_all_constraints,
 )
-from rf_exp.ablation.tables.known import Suite, paper, title_of
+from rf_exp.ablation.tables.inputs import Suite, paper, title_of
 from rf_exp.ablation.tables.table import (
     Cell,
     Column,
@@ -28,7 +28,7 @@ from rf_exp.ablation.tables.table import (
     Table,
     Text,
     Violations,
-    of_texts,
+    text_columns,
     with_violations,
 )
 from rf_exp.types import FOREIGN
@@ -41,31 +41,35 @@ def architectures(results: Results, suite: Suite) -> Table:
 
     Recipes after the first have rows only for architectures that were measured, where these are several.
     """
-    everything = unshielded(results)
-    rows = under_all(everything)
-    known, names = paper().architectures, tasks_of(paper().architectures[BASELINE_ARCH], rows)
+    unshielded_rows = unshielded(results)
+    rows = with_all_constraints(unshielded_rows)
+    paper_rates, names = paper().architectures, tasks_of(paper().architectures[BASELINE_ARCH], rows)
     recipes = recipes_of(rows)
     columns = (
-        *of_texts(demos="Demos", recipe="Recipe"),
+        *text_columns(demos="Demos", recipe="Recipe"),
         *chain.from_iterable(with_violations(name, title_of(name, suite)) for name in names),
     )
     lines, gaps = [], []
-    at_hand = sorted({(recipes.index(row.recipe), row.demos) for row in rows})
-    for order, demos in at_hand or [(0, paper().demos[-1])]:
-        recipe = recipes[order]
-        alike = grouped(
+    measured = sorted({(recipes.index(row.recipe), row.demos) for row in rows})
+    for recipe_index, demos in measured or [(0, paper().demos[-1])]:
+        recipe = recipes[recipe_index]
+        by_arch = grouped(
             (row for row in rows if (row.demos, row.recipe) == (demos, recipe)), lambda row: row.arch
         )
-        archs = [*known, *sorted({row.arch for row in rows} - {*known})]
-        if order:
-            archs = [arch for arch in archs if arch in alike] if len(alike) > 1 else []
-        some = []
+        archs = [*paper_rates, *sorted({row.arch for row in rows} - {*paper_rates})]
+        if recipe_index:
+            archs = [arch for arch in archs if arch in by_arch] if len(by_arch) > 1 else []
+        arch_lines = []
         for arch in archs:
-            cells = _by_task(alike.get(arch, []), {name: known.get(arch, {}).get(name) for name in names})
-            key = f"{arch}-{demos}{but_first(recipe, recipes)}"
-            some.append(Line(key, arch, (Text(str(demos)), Text(recipe), *cells)))
-        lines += some
-        gaps += notes.gaps_by_column(some, columns, BASELINE_ARCH, f"{demos} demos, {recipe}")
+            cells = _by_task(
+                by_arch.get(arch, []), {name: paper_rates.get(arch, {}).get(name) for name in names}
+            )
+            key = f"{arch}-{demos}{recipe_suffix(recipe, recipes)}"
+            arch_lines.append(Line(key, arch, (Text(str(demos)), Text(recipe), *cells)))
+        lines += arch_lines
+        gaps += notes.difference_notes_by_column(
+            arch_lines, columns, BASELINE_ARCH, f"{demos} demos, {recipe}"
+        )
     return Table(
         "architectures",
         "Architectures",
@@ -78,7 +82,7 @@ def architectures(results: Results, suite: Suite) -> Table:
             f"The paper's figures are with {paper().demos[-1]} demonstrations.",
             *gaps,
             *notes.coordinated(rows),
-            *notes.left_out(everything),
+            *notes.left_out(unshielded_rows),
             *notes.shielded(results),
             *notes.mixed_versions(lines, by_column=columns),
         ),
@@ -91,25 +95,27 @@ def recipes(results: Results, suite: Suite) -> Table:
     conf/experiment/policy_ablation.yaml makes this comparison.
     """
     rows = [row for row in unshielded(results) if is_baseline(row)]
-    alike = grouped(rows, lambda row: (row.task, row.demos))
-    rows = [row for row in rows if len({each.recipe for each in alike[row.task, row.demos]}) > 1]
-    order, present = recipes_of(rows), {row.task for row in rows}
-    tasks = [task for task in tasks_of([*paper().levels, *suite], rows) if task in present]
+    by_task_and_demos = grouped(rows, lambda row: (row.task, row.demos))
+    rows = [
+        row for row in rows if len({other.recipe for other in by_task_and_demos[row.task, row.demos]}) > 1
+    ]
+    order, compared_tasks = recipes_of(rows), {row.task for row in rows}
+    tasks = [task for task in tasks_of([*paper().levels, *suite], rows) if task in compared_tasks]
     columns = (
-        *of_texts(demos="Demos"),
+        *text_columns(demos="Demos"),
         *chain.from_iterable(with_violations(task, title_of(task, suite)) for task in tasks),
     )
     lines, gaps = [], []
     for demos in sorted({row.demos for row in rows}):
         measured = grouped((row for row in rows if row.demos == demos), lambda row: row.recipe)
         figures = {task: paper().baseline.get(task, {}).get(demos) for task in tasks}
-        some = [
+        recipe_lines = [
             Line(f"{recipe}-{demos}", recipe, (Text(str(demos)), *_by_task(measured[recipe], figures)))
             for recipe in order
             if recipe in measured
         ]
-        lines += some
-        gaps += notes.gaps_by_column(some, columns, order[0], f"{demos} demos")
+        lines += recipe_lines
+        gaps += notes.difference_notes_by_column(recipe_lines, columns, order[0], f"{demos} demos")
     return Table(
         "recipes",
         "Recipes",
@@ -121,17 +127,20 @@ def recipes(results: Results, suite: Suite) -> Table:
     )
 
 
-def _by_task(rows: list[EvaluationRow], figures: dict[str, float | None]) -> tuple[Cell, ...]:
+def _by_task(rows: list[EvaluationRow], paper_values: dict[str, float | None]) -> tuple[Cell, ...]:
     """A rate with its violations for each task, beside the paper's figure."""
-    cells = (rates([row for row in rows if row.task == task], figure) for task, figure in figures.items())
+    cells = (
+        rates([row for row in rows if row.task == task], paper_value)
+        for task, paper_value in paper_values.items()
+    )
     return tuple(chain.from_iterable(cells))
 
 
 def _by_task_first(
-    groups: Mapping[Policy, list[EvaluationRow]], known: Iterable[str]
+    groups: Mapping[Policy, list[EvaluationRow]], task_order: Iterable[str]
 ) -> list[tuple[Policy, list[EvaluationRow]]]:
     """Groups of rows, whose keys begin with their task, by the order of tasks and then by their keys."""
-    order = tasks_of(known, chain.from_iterable(groups.values()))
+    order = tasks_of(task_order, chain.from_iterable(groups.values()))
     return sorted(groups.items(), key=lambda item: (order.index(item[0][0]), *item[0][1:]))
 
 
@@ -140,22 +149,22 @@ def shield(results: Results, suite: Suite) -> Table:
 
     Only scenes that were rolled out both ways are compared, where there are such scenes.
     """
-    groups = grouped(under_all(results.evaluation), attrgetter("task", "arch", "demos", "recipe"))
+    groups = grouped(with_all_constraints(results.evaluation), attrgetter("task", "arch", "demos", "recipe"))
     lines, gaps = [], []
     for (task, arch, demos, recipe), rows in _by_task_first(groups, [*paper().levels, *suite]):
-        without, shielded = both_ways(newest(rows)[0])
+        without, shielded = split_by_shield(newest(rows)[0])
         if not shielded:
             continue
-        bare, guarded = rates(without), rates(shielded)
+        without_cells, with_cells = rates(without), rates(shielded)
         cells = (
             *(Text(str(demos)), Text(recipe)),
-            *(*bare, violations(without, "contacts")),
-            *(*guarded, violations(shielded, "contacts"), violations(shielded, "interventions")),
+            *(*without_cells, violations(without, "contacts")),
+            *(*with_cells, violations(shielded, "contacts"), violations(shielded, "interventions")),
         )
         title = f"{title_of(task, suite)}, {arch}"
         lines.append(Line(f"{task}-{arch}-{demos}-{recipe}", title, cells))
-        estimates = {"with": guarded[0].estimate, "without": bare[0].estimate}
-        gaps += notes.gaps(f"{title}, {demos} demos, {recipe}", estimates, "without")
+        estimates = {"with": with_cells[0].estimate, "without": without_cells[0].estimate}
+        gaps += notes.difference_notes(f"{title}, {demos} demos, {recipe}", estimates, "without")
     return Table(
         "shield",
         "Shielded rollouts",
@@ -166,7 +175,7 @@ def shield(results: Results, suite: Suite) -> Table:
         "shield kept from its command.",
         "Task, architecture",
         (
-            *of_texts(demos="Demos", recipe="Recipe"),
+            *text_columns(demos="Demos", recipe="Recipe"),
             *with_violations("without", "Without shield"),
             Column("without_contacts", "contacts", Violations),
             *with_violations("with", "With shield"),
@@ -183,14 +192,14 @@ def final(results: Results, suite: Suite) -> Table:
     policies = attrgetter("task", "arch", "constraints", "demos", "recipe")
     groups = grouped(unshielded(results), policies)
     lines = []
-    for (task, arch, constraints, demos, recipe), some in _by_task_first(groups, [*paper().levels, *suite]):
-        rows = newest(some)[0]
+    for (task, arch, constraints, demos, recipe), group in _by_task_first(groups, [*paper().levels, *suite]):
+        rows = newest(group)[0]
         if not any(row.final for row in rows):
             continue
-        told = Text(recipe), Text(arch), Text(constraints), Text(str(demos))
-        split = (rates([row for row in rows if row.final is which]) for which in (False, True))
+        texts = Text(recipe), Text(arch), Text(constraints), Text(str(demos))
+        split_cells = (rates([row for row in rows if row.final is is_final]) for is_final in (False, True))
         key = "-".join([task, arch, constraints, str(demos), recipe])
-        lines.append(Line(key, title_of(task, suite), (*told, *chain.from_iterable(split))))
+        lines.append(Line(key, title_of(task, suite), (*texts, *chain.from_iterable(split_cells))))
     return Table(
         "final",
         "Final scenes",
@@ -198,7 +207,7 @@ def final(results: Results, suite: Suite) -> Table:
         f"{FINAL_SEED} on, nothing was ever chosen. The same policies in both. {notes.ROLLOUT_VIOLATIONS}",
         "Task",
         (
-            *of_texts(recipe="Recipe", arch="Architecture", constraints="Constraints", demos="Demos"),
+            *text_columns(recipe="Recipe", arch="Architecture", constraints="Constraints", demos="Demos"),
             *with_violations("trial", "Scenes of the tables"),
             *with_violations("final", "Final scenes"),
         ),
@@ -210,15 +219,15 @@ def final(results: Results, suite: Suite) -> Table:
 def foreign(results: Results, suite: Suite) -> Table:
     """A row for each foreign policy and each task, with separate rows for shielded rollouts."""
     rows = [row for row in results.evaluation if row.arch == FOREIGN.name]
-    groups = grouped(under_all(rows), attrgetter("task", "recipe", "demos", "shield"))
+    groups = grouped(with_all_constraints(rows), attrgetter("task", "recipe", "demos", "shield"))
     lines = []
-    for (task, name, demos, guarded), some in _by_task_first(groups, suite):
-        told = "true poses" if some[-1].observation == "state" else "what can be measured"
+    for (task, name, demos, shielded), group in _by_task_first(groups, suite):
+        observed = "true poses" if group[-1].observation == "state" else "what can be measured"
         cells = (
-            *(Text(str(demos)), Text(told), Text("yes" if guarded else "no")),
-            *(*rates(some), violations(some, "contacts")),
+            *(Text(str(demos)), Text(observed), Text("yes" if shielded else "no")),
+            *(*rates(group), violations(group, "contacts")),
         )
-        line = f"{task}-{name}-{demos}{'-shield' * guarded}"
+        line = f"{task}-{name}-{demos}{'-shield' * shielded}"
         lines.append(Line(line, f"{title_of(task, suite)}, {name}", cells))
     return Table(
         "foreign",
@@ -228,7 +237,7 @@ def foreign(results: Results, suite: Suite) -> Table:
         "from, as the person said who evaluated them.",
         "Task, policy",
         (
-            *of_texts(demos="Demos", told="Told", shield="Shield"),
+            *text_columns(demos="Demos", told="Observations", shield="Shield"),
             *with_violations("success", "Success"),
             Column("contacts", "contacts", Violations),
         ),

@@ -4,15 +4,15 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from rf_exp.ablation.statistics import Estimate
-from rf_exp.errors import choices
+from rf_exp.errors import unknown_choice
 from rf_exp.texts import markdown, one_line
 
 MISSING = "missing"
 CLEAN = "without a violation"  # generation: at the first attempt
 Interval = tuple[float, float]
-NAMED = {"<": "less", ">": "greater", "\\": "backslash", "~": "asciitilde", "^": "asciicircum"}
+LATEX_NAMES = {"<": "less", ">": "greater", "\\": "backslash", "~": "asciitilde", "^": "asciicircum"}
 LATEX = str.maketrans(
-    {letter: rf"\text{name}{{}}" for letter, name in NAMED.items()}
+    {letter: rf"\text{name}{{}}" for letter, name in LATEX_NAMES.items()}
     | {letter: rf"\{letter}" for letter in "&%$#_{}"}
 )
 
@@ -36,7 +36,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Figure:
-    """Base of all figures. `value` None means: nothing was measured yet, or `instead` takes its place."""
+    """Base of all figures. `value` None means: nothing was measured yet, or `placeholder` takes its place."""
 
     unit: ClassVar[str]
     value: float | None = None
@@ -44,7 +44,7 @@ class Figure:
     interval: Interval | None = None  # 95 %
     note: str = ""
     version: str = ""  # of the success criteria
-    instead: str = ""  # text in place of a value, such as `no success`
+    placeholder: str = ""  # text in place of a value, such as `no success`
 
     @staticmethod
     def number(value: float, sign: bool = True) -> str:
@@ -54,11 +54,11 @@ class Figure:
     @property
     def figure(self) -> str:
         """Our figure alone: `97.5 %`, `80.7`, `missing`."""
-        return (self.instead or MISSING) if self.value is None else self.number(self.value)
+        return (self.placeholder or MISSING) if self.value is None else self.number(self.value)
 
     @property
     def missing(self) -> bool:
-        return self.value is None and not self.instead
+        return self.value is None and not self.placeholder
 
     @property
     def details(self) -> list[str]:
@@ -82,10 +82,16 @@ class Figure:
         """Unformatted numbers: rates in [0, 1], lengths in control steps."""
         low, high = self.interval or (None, None)
         status = MISSING if self.missing else "measured"
-        said = {"status": status, "value": self.instead or self.value, "low": low, "high": high, "n": self.n}
-        common = {each.name for each in fields(Figure)}
-        further = {name: value for name, value in vars(self).items() if name not in common}
-        return {**said, "version": self.version, "note": self.note, **further}
+        values = {
+            "status": status,
+            "value": self.placeholder or self.value,
+            "low": low,
+            "high": high,
+            "n": self.n,
+        }
+        base_fields = {field.name for field in fields(Figure)}
+        own_fields = {name: value for name, value in vars(self).items() if name not in base_fields}
+        return {**values, "version": self.version, "note": self.note, **own_fields}
 
     def _spans(self) -> list[tuple[str, bool]]:
         """(text, whether it is emphasised) for the figure and its details."""
@@ -105,9 +111,11 @@ class Rate(Figure):
 
     @property
     def details(self) -> list[str]:
-        loose = self.success_paper
-        by_paper = [] if loose in (None, self.value) else [f"paper's criterion {self.number(loose)}"]
-        return [*super().details, *by_paper]
+        success_paper = self.success_paper
+        paper_criterion = (
+            [] if success_paper in (None, self.value) else [f"paper's criterion {self.number(success_paper)}"]
+        )
+        return [*super().details, *paper_criterion]
 
     @property
     def clean_figure(self) -> tuple[str, str]:
@@ -117,7 +125,7 @@ class Rate(Figure):
         return self.number(self.clean.value), self.bracketed(self.clean.interval)
 
     @property
-    def unmended(self) -> Estimate | None:
+    def clean_if_different(self) -> Estimate | None:
         """The rate without a violation, where it differs from the rate."""
         return self.clean if self.clean is not None and self.clean.value != self.value else None
 
@@ -220,7 +228,7 @@ class Column:
     title: str
     kind: type[Cell] = Rate
     demos: int | None = None  # demonstrations that policies of this column have learnt from
-    beside: bool = False  # same attempts as the column before it, which has the notes
+    same_sample: bool = False  # same attempts as the column before it, which has the notes
 
     @property
     def compared(self) -> bool:
@@ -260,17 +268,17 @@ class Table:
         lines = {item.key: item for item in self.lines}
         columns = {item.key: index for index, item in enumerate(self.columns)}
         if line not in lines:
-            raise choices(f"row of table {self.name}", line, lines)
+            raise unknown_choice(f"row of table {self.name}", line, lines)
         if column not in columns:
-            raise choices(f"column of table {self.name}", column, columns)
+            raise unknown_choice(f"column of table {self.name}", column, columns)
         return lines[line].cells[columns[column]]
 
     @property
     def compared(self) -> list[tuple[int, int | None]]:
         """Indices of columns of figures that the paper has too, each with that of its violations, if any."""
-        after = [*(column.beside for column in self.columns[1:]), False]
+        followed_by_violations = [*(column.same_sample for column in self.columns[1:]), False]
         return [
-            (index, index + 1 if after[index] else None)
+            (index, index + 1 if followed_by_violations[index] else None)
             for index, column in enumerate(self.columns)
             if column.compared
         ]
@@ -281,22 +289,22 @@ class Table:
         return any(line.measured for line in self.lines)
 
     @property
-    def folded(self) -> "Table":
+    def without_empty(self) -> "Table":
         """The table without lines and columns that lack figures of ours, named in notes; itself if all do."""
         if not self.measured:
             return self
         lines = [line for line in self.lines if line.measured]
-        some = [
+        indices = [
             index
             for index, column in enumerate(self.columns)
             if column.kind is Text or any(not _is_empty(line.cells[index]) for line in lines)
         ]
-        columns = tuple(self.columns[index] for index in some)
-        without = [line.title for line in self.lines if not line.measured and not line.average]
-        lacking = [each.title for each in self.columns if each not in columns and not each.beside]
-        told = (f"Not measured yet: {', '.join(titles)}." for titles in (without, lacking) if titles)
-        kept = tuple(replace(line, cells=tuple(line.cells[index] for index in some)) for line in lines)
-        return replace(self, columns=columns, lines=kept, notes=(*self.notes, *told))
+        columns = tuple(self.columns[index] for index in indices)
+        unmeasured = [line.title for line in self.lines if not line.measured and not line.average]
+        empty = [each.title for each in self.columns if each not in columns and not each.same_sample]
+        added = (f"Not measured yet: {', '.join(titles)}." for titles in (unmeasured, empty) if titles)
+        kept = tuple(replace(line, cells=tuple(line.cells[index] for index in indices)) for line in lines)
+        return replace(self, columns=columns, lines=kept, notes=(*self.notes, *added))
 
 
 def _is_empty(cell: Cell) -> bool:
@@ -304,7 +312,7 @@ def _is_empty(cell: Cell) -> bool:
     return isinstance(cell, Text) or cell.missing
 
 
-def of_texts(**titles: str) -> tuple[Column, ...]:
+def text_columns(**titles: str) -> tuple[Column, ...]:
     """A column of texts for each title, by its key."""
     return tuple(Column(key, title, Text) for key, title in titles.items())
 
@@ -313,5 +321,5 @@ def with_violations(
     key: str, title: str, kind: type[Cell] = Rate, demos: int | None = None
 ) -> tuple[Column, Column]:
     """A column of figures, and one beside it with the violations of the same attempts."""
-    beside = Column(f"{key}_violations", "violations", Violations, beside=True)
-    return Column(key, title, kind, demos), beside
+    violations = Column(f"{key}_violations", "violations", Violations, same_sample=True)
+    return Column(key, title, kind, demos), violations

@@ -1,8 +1,8 @@
 from dataclasses import dataclass
 
 from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck
-from rf_exp.constraints.plan import MEASURED_M, Plan
-from rf_exp.constraints.stl import Comparison, Specification, named
+from rf_exp.constraints.plan import MEASUREMENT_TOLERANCE_M, Plan
+from rf_exp.constraints.stl import Comparison, Specification, identifier
 from rf_exp.findings import CheckName, Finding, agent_name
 from rf_exp.statements import KeepHeight
 from rf_exp.tasks import Task
@@ -13,7 +13,7 @@ from rf_exp.types import Scene
 class KeepHeightCheck(OneAgentCheck, BoundedCheck):
     """The gripper of an agent stays below or above a height. Value and bound in metres."""
 
-    states, name, unit = KeepHeight, CheckName.OCCUPANCY, "m"
+    statement_type, name, unit = KeepHeight, CheckName.OCCUPANCY, "m"
     finding = Finding.OFF_HEIGHT
 
     limit_m: float
@@ -29,18 +29,22 @@ class KeepHeightCheck(OneAgentCheck, BoundedCheck):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        return self.limit_m, self.limit_m + (MEASURED_M if self.side == "below" else -MEASURED_M)
+        return self.limit_m, self.limit_m + (
+            MEASUREMENT_TOLERANCE_M if self.side == "below" else -MEASUREMENT_TOLERANCE_M
+        )
 
     def planned(self, plan: Plan) -> Evidence:
-        heights_m = plan.paths.grippers_m(self.agent)[:, 2]
-        at = self.worst(heights_m)
-        does = plan.doing(self.agents, [at])
-        return self.judged(heights_m[at], plan.time_s(self.agent, at), aspect=self.side, doing=does)
+        heights_m = plan.paths.gripper_positions_m(self.agent)[:, 2]
+        position = self.worst(heights_m)
+        activities = plan.doing(self.agents, [position])
+        return self.evidence_for(
+            heights_m[position], plan.time_s(self.agent, position), aspect=self.side, doing=activities
+        )
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence:
         height_m = plan.tcp(self.agent, scene)[2, 3]
-        return self.judged(height_m, scene.time_s, measured=True, aspect=self.side)
+        return self.evidence_for(height_m, scene.time_s, measured=True, aspect=self.side)
 
     def stl(self, task: Task) -> Specification:
-        how = f"of the measured gripper of {agent_name(self.agent)} over the table"
-        return self.formula(named("height", self.agent), how)
+        description = f"of the measured gripper of {agent_name(self.agent)} over the table"
+        return self.formula(identifier("height", self.agent), description)

@@ -1,4 +1,4 @@
-"""Speed limit of a gripper: its path is slowed down, and checked."""
+"""Speed limit of a gripper: its path is limit_speeds down, and checked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,25 +8,27 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan, resampled
-from rf_exp.constraints.stl import Specification, named
+from rf_exp.constraints.stl import Specification, identifier
 from rf_exp.findings import CheckName, Finding, agent_name
 from rf_exp.robots import Arm
 from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory
 
-MEASURED_SPEED = 1.25  # factor on the bound: an arm that catches up with its command is faster
-SPARE = 1.02  # factor on the duration: straight lines in joint space are not straight for the gripper
+MEASUREMENT_FACTOR = 1.25  # factor on the bound: an arm that catches up with its command is faster
+DURATION_FACTOR = (
+    1.02  # factor on the duration: straight lines in joint space are not straight for the gripper
+)
 
 
 @dataclass(frozen=True)
 class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
     """The gripper of an agent keeps a speed limit. Value and bound in m/s.
 
-    Paths are slowed down to it (`slowed`) before scheduling, so it has no rule for timing.
+    Paths are limit_speeds down to it (`limit_speeds`) before scheduling, so it has no rule for timing.
     """
 
-    states, name, unit = SpeedLimit, CheckName.SCHEDULING, "m/s"
+    statement_type, name, unit = SpeedLimit, CheckName.SCHEDULING, "m/s"
     finding, rounding = Finding.TOO_FAST, 1 + 1e-9
 
     at_most_m_s: float
@@ -37,25 +39,27 @@ class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        return self.at_most_m_s, self.at_most_m_s * MEASURED_SPEED
+        return self.at_most_m_s, self.at_most_m_s * MEASUREMENT_FACTOR
 
     def planned(self, plan: Plan) -> Evidence:
         speeds = speeds_m_s(plan.task.arms[self.agent], plan.trajectory(self.agent).path())
         if not len(speeds):
-            return self.idle(plan, self.at_most_m_s)
+            return self.not_applicable(plan, self.at_most_m_s)
         fastest = self.worst(speeds)
-        does = plan.doing(self.agents, [fastest + 1])
-        return self.judged(speeds[fastest], plan.time_s(self.agent, fastest + 1), doing=does)
+        activities = plan.doing(self.agents, [fastest + 1])
+        return self.evidence_for(speeds[fastest], plan.time_s(self.agent, fastest + 1), doing=activities)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         qpos, qvel = scene.qpos[self.agent - 1], scene.qvel[self.agent - 1]
         path = np.stack([qpos, qpos + qvel * CONTROL_DT_S])
         speed = speeds_m_s(plan.task.arms[self.agent], path)[0]
-        return self.judged(speed, scene.time_s, measured=True)
+        return self.evidence_for(speed, scene.time_s, measured=True)
 
     def stl(self, task: Task) -> Specification:
-        how = f"of the gripper of {agent_name(self.agent)}, by measured joint positions and velocities"
-        return self.formula(named("speed", self.agent), how)
+        description = (
+            f"of the gripper of {agent_name(self.agent)}, by measured joint positions and velocities"
+        )
+        return self.formula(identifier("speed", self.agent), description)
 
 
 def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,7 +67,7 @@ def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.norm(np.diff(arm.tcp(path)[:, :3, 3], axis=0), axis=1) / CONTROL_DT_S
 
 
-def slowed(
+def limit_speeds(
     trajectories: Sequence[Trajectory], arms: Sequence[Arm], limits_m_s: Mapping[int, float]
 ) -> tuple[Trajectory, ...]:
     """The same paths, with segments stretched so that the gripper of each agent keeps its speed limit.
@@ -73,19 +77,22 @@ def slowed(
     if not limits_m_s:
         return tuple(trajectories)
     limits = {trajectory.agent: limits_m_s.get(trajectory.agent, np.inf) for trajectory in trajectories}
-    factors = [_factors(each, arms[each.agent - 1], limits[each.agent]) for each in trajectories]
-    joined: dict[str | None, float] = {}
-    for trajectory, own in zip(trajectories, factors, strict=True):
-        for segment, factor in zip(trajectory.segments, own, strict=True):
-            joined[segment.joined] = max(factor, joined.get(segment.joined, 1.0))
-    found = []
-    for trajectory, own in zip(trajectories, factors, strict=True):
+    factors = [
+        _factors(trajectory, arms[trajectory.agent - 1], limits[trajectory.agent])
+        for trajectory in trajectories
+    ]
+    joined_factors: dict[str | None, float] = {}
+    for trajectory, segment_factors in zip(trajectories, factors, strict=True):
+        for segment, factor in zip(trajectory.segments, segment_factors, strict=True):
+            joined_factors[segment.joined] = max(factor, joined_factors.get(segment.joined, 1.0))
+    slowed_trajectories = []
+    for trajectory, segment_factors in zip(trajectories, factors, strict=True):
         segments, path = [], trajectory.path()
-        for (segment, start, end), factor in zip(trajectory.intervals, own, strict=True):
-            slower = factor if segment.joined is None else joined[segment.joined]
-            segments.append(_stretched(segment, path[start : end + 1], slower))
-        found.append(replace(trajectory, segments=tuple(segments)))
-    return tuple(found)
+        for (segment, start, end), factor in zip(trajectory.intervals, segment_factors, strict=True):
+            joint_factor = factor if segment.joined is None else joined_factors[segment.joined]
+            segments.append(_stretched(segment, path[start : end + 1], joint_factor))
+        slowed_trajectories.append(replace(trajectory, segments=tuple(segments)))
+    return tuple(slowed_trajectories)
 
 
 def _factors(trajectory: Trajectory, arm: Arm, limit_m_s: float) -> list[float]:
@@ -93,7 +100,7 @@ def _factors(trajectory: Trajectory, arm: Arm, limit_m_s: float) -> list[float]:
     path, factors = trajectory.path(), []
     for _, start, end in trajectory.intervals:
         fastest = float(speeds_m_s(arm, path[start : end + 1]).max())
-        factors.append(fastest / limit_m_s * SPARE if fastest > limit_m_s else 1.0)
+        factors.append(fastest / limit_m_s * DURATION_FACTOR if fastest > limit_m_s else 1.0)
     return factors
 
 
@@ -102,6 +109,6 @@ def _stretched(segment: Segment, path: NDArray[np.float64], factor: float) -> Se
     if factor <= 1.0:
         return segment
     steps = int(np.ceil(len(segment) * factor))
-    at = np.arange(1, steps + 1) * len(segment) / steps
-    commands = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # not interpolated
-    return replace(resampled(segment, path, at), gripper=commands)
+    positions = np.arange(1, steps + 1) * len(segment) / steps
+    commands = segment.gripper[np.ceil(positions - 1e-9).astype(int) - 1]  # not interpolated
+    return replace(resampled(segment, path, positions), gripper=commands)

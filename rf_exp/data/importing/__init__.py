@@ -1,5 +1,5 @@
 """Import of other data sets into stores: a source is surveyed before anything is copied."""
 
-from rf_exp.data.importing.taking import import_demonstrations
+from rf_exp.data.importing.importer import import_demonstrations
 
 __all__ = ["import_demonstrations"]

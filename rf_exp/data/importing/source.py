@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.data.release import COMMAND, FARTHEST, checked_task, within_limits
+from rf_exp.data.release import COMMAND_SIZE, MAX_EXCESS_RAD, checked_task, within_limits
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.robots import DEFAULT
-from rf_exp.store import Description, decoding
+from rf_exp.store import Description, translate_decoder_errors
 from rf_exp.types import FINGERS, Episode, camera_names
 
 MOST_ROWS = 1_000_000  # of a source's array: 14 hours of motion
 MOST_BYTES = 2**33  # of an array in one episode
 MOST_CHUNK_BYTES = 2**30  # of a compressed chunk
 MOST_AGENTS, LARGEST_PX = 99, 8192  # limits of a store
-SHOWN = 8  # names listed in a message
+MOST_LISTED = 8  # names listed in a message
 
 # what a source may lack -> the consequence
 CONSEQUENCES = {
@@ -57,7 +57,7 @@ class Contents:
     cameras: Sequence[str] = ()
     size_px: tuple[int, int] = (0, 0)  # height and width of pictures
     objects: Sequence[str] = ()
-    told: str = ""  # digest of all commands, to recognise the same source
+    commands_digest: str = ""  # digest of all commands, to recognise the same source
     disturbed: bool = False  # whether executed commands differ from the intended ones
     scene: Mapping[str, Any] = field(default_factory=dict)  # poses of arms and cameras, as in an identity
     description: Description | None = None
@@ -70,12 +70,12 @@ class Contents:
         imported = {
             "format": self.form,
             "episodes": len(self.seeds),
-            "told": self.told,
+            "told": self.commands_digest,
             "missing": {what: CONSEQUENCES[what] for what in self.missing},
             "notes": list(self.notes),
         }
-        said = {"task": self.task, "imported": imported, "first_seed": min(self.seeds, default=0)}
-        return said | ({"scene": dict(self.scene)} if self.scene else {})
+        identity = {"task": self.task, "imported": imported, "first_seed": min(self.seeds, default=0)}
+        return identity | ({"scene": dict(self.scene)} if self.scene else {})
 
 
 class Source(ABC):
@@ -92,81 +92,85 @@ class Source(ABC):
         """Closes its files."""
 
 
-def reads(path: Path, what: str) -> AbstractContextManager[None]:
+def translating_errors(path: Path, what: str) -> AbstractContextManager[None]:
     """Turns errors of a decoder or of the system into a StageError."""
-    return decoding(path, lambda why: refused(path, f"{what} cannot be read {why}"))
+    return translate_decoder_errors(path, lambda why: import_error(path, f"{what} cannot be read {why}"))
 
 
-def refused(path: Path, what: str) -> StageError:
+def import_error(path: Path, what: str) -> StageError:
     """The error for a source that violates its format."""
     return StageError(f"{path} cannot be imported: {what}; restore it from a copy, or make it again")
 
 
-def expect(holds: bool, path: Path, what: str) -> None:
+def require(holds: bool, path: Path, what: str) -> None:
     """Raises StageError, saying `what` was found, unless a rule of the format holds."""
     if not holds:
-        raise refused(path, what)
+        raise import_error(path, what)
 
 
-def checked_shape(path: Path, name: str, shape: Sequence[int], row: Sequence[int | None]) -> None:
+def require_shape(path: Path, name: str, shape: Sequence[int], row: Sequence[int | None]) -> None:
     """Raises StageError unless an array has rows of that shape (None: any), at most `MOST_ROWS` of them."""
     fits = len(shape) == len(row) + 1 and all(
         wanted in (None, size) for size, wanted in zip(shape[1:], row, strict=True)
     )
     wanted = ", ".join("any" if size is None else str(size) for size in ("T", *row))
-    expect(fits, path, f"{name} has shape {tuple(shape)}; expected ({wanted})")
-    expect(shape[0] <= MOST_ROWS, path, f"{name} declares {shape[0]} rows; {MOST_ROWS} at most are read")
+    require(fits, path, f"{name} has shape {tuple(shape)}; expected ({wanted})")
+    require(shape[0] <= MOST_ROWS, path, f"{name} declares {shape[0]} rows; {MOST_ROWS} at most are read")
 
 
-def numbers(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float32]:
+def finite_float32(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     """The values as float32. Raises StageError for values that are not finite."""
     with np.errstate(over="ignore"):
-        found = values.astype(np.float32)
-    expect(bool(np.isfinite(found).all()), path, f"{name} holds values that are not finite numbers")
-    return found
+        converted = values.astype(np.float32)
+    require(bool(np.isfinite(converted).all()), path, f"{name} holds values that are not finite numbers")
+    return converted
 
 
-def commands(path: Path, name: str, told: NDArray[Any]) -> NDArray[np.float32]:
+def checked_commands(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     """Commands (T, N, 8) from (T, N * 8) or (T, N, 8). Raises StageError unless joint targets are in rad."""
-    found = numbers(path, name, told).reshape(len(told), prod(told.shape[1:]) // COMMAND, COMMAND)
-    beyond = within_limits(found)[1]
-    expect(
-        beyond < FARTHEST,
+    reshaped = finite_float32(path, name, values).reshape(
+        len(values), prod(values.shape[1:]) // COMMAND_SIZE, COMMAND_SIZE
+    )
+    excess = within_limits(reshaped)[1]
+    require(
+        excess < MAX_EXCESS_RAD,
         path,
-        f"{name} is up to {beyond:.3g} beyond the limits of a {DEFAULT.title}; expected absolute joint "
+        f"{name} is up to {excess:.3g} beyond the limits of a {DEFAULT.title}; expected absolute joint "
         "targets in rad (control mode pd_joint_pos) and a gripper from -1 to 1",
     )
-    return found
+    return reshaped
 
 
-def assumed_qpos(told: NDArray[np.float32]) -> NDArray[np.float32]:
+def assumed_qpos(commands: NDArray[np.float32]) -> NDArray[np.float32]:
     """qpos (..., 9) of arms that follow their commands (..., 8) exactly, fingers included."""
-    fingers = DEFAULT.hand.opening_m(told[..., -1:]).astype(np.float32)
-    return np.concatenate([told[..., :-1], *[fingers] * FINGERS], axis=-1)
+    fingers = DEFAULT.hand.opening_m(commands[..., -1:]).astype(np.float32)
+    return np.concatenate([commands[..., :-1], *[fingers] * FINGERS], axis=-1)
 
 
-def counted_subgoals(told: NDArray[np.float32]) -> tuple[NDArray[np.int16], list[list[str]]]:
+def counted_subgoals(commands: NDArray[np.float32]) -> tuple[NDArray[np.int16], list[list[str]]]:
     """(T, N) number of gripper changes so far in an episode (T, N, 8), and a text for each number.
 
     Grippers begin open. Keyframes are the same moments: those at which the own gripper changes.
     """
-    changed = np.diff(told[..., -1] > 0, axis=0, prepend=True)
-    count = np.minimum(np.cumsum(changed, axis=0), np.iinfo(np.int16).max)
-    texts = [[f"after {k} changes of the gripper" for k in range(most + 1)] for most in count.max(axis=0)]
+    gripper_changes = np.diff(commands[..., -1] > 0, axis=0, prepend=True)
+    count = np.minimum(np.cumsum(gripper_changes, axis=0), np.iinfo(np.int16).max)
+    texts = [[f"after {k} changes of the gripper" for k in range(total + 1)] for total in count.max(axis=0)]
     return count.astype(np.int16), texts
 
 
-def kept(
-    told: NDArray[np.float32], executed: NDArray[np.float32] | None, disturbed: bool
+def action_and_executed(
+    commands: NDArray[np.float32], executed: NDArray[np.float32] | None, disturbed: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """`action` of an episode, clipped to the limits, and `executed`, not clipped; None unless disturbed."""
-    return within_limits(told)[0], (told if executed is None else executed) if disturbed else None
+    return within_limits(commands)[0], (commands if executed is None else executed) if disturbed else None
 
 
-def ordered(cameras: Iterable[str], agents: int) -> list[str]:
+def sort_cameras(cameras: Iterable[str], agents: int) -> list[str]:
     """Cameras in the order of a store: global, those of the agents, others."""
-    usual = camera_names("all", agents)
-    return sorted(cameras, key=lambda name: (usual.index(name) if name in usual else len(usual), name))
+    store_order = camera_names("all", agents)
+    return sorted(
+        cameras, key=lambda name: (store_order.index(name) if name in store_order else len(store_order), name)
+    )
 
 
 def checked_name(path: Path, task: str) -> str:
@@ -176,34 +180,36 @@ def checked_name(path: Path, task: str) -> str:
     return checked_task(task)
 
 
-def digest_of(told: Sequence[NDArray[np.float32]], seeds: Sequence[int]) -> str:
+def digest_commands(commands: Sequence[NDArray[np.float32]], seeds: Sequence[int]) -> str:
     """SHA-256 of the commands (T, N, 8) and seeds of episodes, shortened to 16 hexadecimal digits."""
     sha = hashlib.sha256()
-    for seed, each in zip(seeds, told, strict=True):
-        sha.update(f"{seed} {each.shape}".encode())
-        sha.update(each.tobytes())
+    for seed, episode_commands in zip(seeds, commands, strict=True):
+        sha.update(f"{seed} {episode_commands.shape}".encode())
+        sha.update(episode_commands.tobytes())
     return sha.hexdigest()[:16]
 
 
-def bounds_note(told: Sequence[NDArray[np.float32]]) -> list[str]:
+def bounds_note(commands: Sequence[NDArray[np.float32]]) -> list[str]:
     """Note on commands beyond their limits; empty where there are none."""
-    beyond = [within_limits(each)[1] for each in told]
-    if not any(beyond):
+    excess = [within_limits(episode_commands)[1] for episode_commands in commands]
+    if not any(excess):
         return []
     return [
-        f"commands of {np.count_nonzero(beyond)} episodes are up to {max(beyond):.3g} beyond the limits of "
+        f"commands of {np.count_nonzero(excess)} episodes are up to {max(excess):.3g} beyond the limits of "
         "joints (rad) and grippers: action holds them at the limit, executed as they were"
     ]
 
 
-def own_seeds(found: Sequence[int | None]) -> tuple[list[int], bool]:
+def scene_seeds(seeds: Sequence[int | None]) -> tuple[list[int], bool]:
     """Seeds of the episodes and True where all are known and differ; else numbers from 0 and False."""
-    known = [seed for seed in found if seed is not None]
-    if len(known) == len(found) and len({*known}) == len(known):
+    known = [seed for seed in seeds if seed is not None]
+    if len(known) == len(seeds) and len({*known}) == len(known):
         return known, True
-    return [*range(len(found))], False
+    return [*range(len(seeds))], False
 
 
 def listed(names: Sequence[str]) -> str:
     """The first names, and how many more there are."""
-    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+    return ", ".join(names[:MOST_LISTED]) + (
+        f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    )

@@ -13,29 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.artifacts import plain, read_json
+from rf_exp.data.formats import success_flags
 from rf_exp.data.importing import hdf5
+from rf_exp.data.importing.poses import ABSOLUTE_TOLERANCE, CameraPose, camera_spec, planar_pose
 from rf_exp.data.importing.source import (
     Contents,
     Source,
+    action_and_executed,
     assumed_qpos,
     bounds_note,
     checked_name,
     counted_subgoals,
-    digest_of,
-    expect,
-    kept,
+    digest_commands,
+    finite_float32,
     listed,
-    numbers,
-    ordered,
-    own_seeds,
+    require,
+    scene_seeds,
+    sort_cameras,
 )
-from rf_exp.data.importing.standing import SAME, Stand, planar_of, spec_of
 from rf_exp.data.importing.trajectory import Survey, Trajectory
-from rf_exp.data.recordepisode import CONTROL_MODE, ROOT, SUCCESS
-from rf_exp.data.release import MEASURED, task_of, within_limits
-from rf_exp.data.target import last
+from rf_exp.data.recordepisode import CONTROL_MODE, ROOT_SIZE, SUCCESS
+from rf_exp.data.release import QPOS_SIZE, task_of, within_limits
 from rf_exp.store import POSE, Description
-from rf_exp.tasks import camera_of
+from rf_exp.tasks import camera_from_release
 from rf_exp.types import CONTROL_HZ, UNITS, CameraModel, Episode, Judged
 
 FORM = "trajectories of ManiSkill's RecordEpisode"
@@ -46,32 +46,44 @@ _TRAJECTORY = re.compile(r"traj_(\d{1,9})")
 class Trajectories(Source):
     """Source of the trajectories of a file, but for those known to fail."""
 
-    def __init__(self, path: Path, file: Any, task: str, said: Mapping[str, Any]) -> None:
-        """`said` is the content of the JSON file, empty without one. Raises StageError."""
+    def __init__(self, path: Path, file: Any, task: str, metadata: Mapping[str, Any]) -> None:
+        """`metadata` is the content of the JSON file, empty without one. Raises StageError."""
         self._path, self._file, self._notes = path, file, list[str]()
-        entries, survey = _entries(path, said), Survey(path, file)
-        names = hdf5.names(path, file)
-        numbered = sorted((int(each[1]), each[0]) for each in map(_TRAJECTORY.fullmatch, names) if each)
-        surveyed = [survey.of(name, entries.pop(number, {})) for number, name in numbered]
-        self._found = [each for each in surveyed if not each.why_not]
-        left_out = [f"{each.name} ({each.why_not})" for each in surveyed if each.why_not]
+        entries, survey = _entries(path, metadata), Survey(path, file)
+        names = hdf5.member_names(path, file)
+        numbered = sorted((int(match[1]), match[0]) for match in map(_TRAJECTORY.fullmatch, names) if match)
+        surveyed = [survey.survey_trajectory(name, entries.pop(number, {})) for number, name in numbered]
+        self._trajectories = [trajectory for trajectory in surveyed if not trajectory.rejection]
+        left_out = [
+            f"{trajectory.name} ({trajectory.rejection})" for trajectory in surveyed if trajectory.rejection
+        ]
         count = len(surveyed)
-        expect(bool(self._found), path, f"none of its {count} trajectories can be taken: {listed(left_out)}")
-        agents = sorted({each.told.shape[1] for each in self._found})
-        expect(len(agents) == 1, path, f"its trajectories have commands of {agents} arms")
-        early = [f"{each.name} ({each.lacks})" for each in self._found if each.lacks]
+        require(
+            bool(self._trajectories),
+            path,
+            f"none of its {count} trajectories can be taken: {listed(left_out)}",
+        )
+        agents = sorted({trajectory.commands.shape[1] for trajectory in self._trajectories})
+        require(len(agents) == 1, path, f"its trajectories have commands of {agents} arms")
+        shortened = [
+            f"{trajectory.name} ({trajectory.shortfall})"
+            for trajectory in self._trajectories
+            if trajectory.shortfall
+        ]
         if others := [name for name in names if not _TRAJECTORY.fullmatch(name)]:
             self._notes.append(f"what is no trajectory was left out: {listed(others)}")
         if left_out:
             self._notes.append(f"{len(left_out)} of {count} trajectories were left out: {listed(left_out)}")
-        if early:
-            self._notes.append(f"{len(early)} of {count} trajectories have shorter arrays: {listed(early)}")
-        if surplus := sum(each.surplus for each in self._found):
-            self._notes.append(f"{surplus} rows after the first success were left out")
+        if shortened:
+            self._notes.append(
+                f"{len(shortened)} of {count} trajectories have shorter arrays: {listed(shortened)}"
+            )
+        if surplus_rows := sum(trajectory.rows_after_success for trajectory in self._trajectories):
+            self._notes.append(f"{surplus_rows} rows after the first success were left out")
         if entries:
             self._notes.append(f"{path.name} lacks {len(entries)} trajectories of which its JSON file tells")
-        self._cameras = self._named_cameras(agents[0])  # camera -> its name in the file
-        self._objects = self._in_all("object", [each.bodies for each in self._found])
+        self._cameras = self._choose_cameras(agents[0])  # camera -> its name in the file
+        self._objects = self._names_in_all("object", [trajectory.bodies for trajectory in self._trajectories])
         self._notes += survey.notes
         self.contents = self._contents(task, agents[0])
 
@@ -79,143 +91,171 @@ class Trajectories(Source):
         self._file.close()
 
     def episode(self, index: int) -> Episode:
-        said, one = self.contents, self._found[index]
-        steps = len(one.told)
-        qpos, qvel = self._joints(one, steps)
-        action, executed = kept(one.told, one.executed, said.disturbed)
-        subgoal, texts = counted_subgoals(one.told)
-        certificate: dict[str, Any] = {"imported": one.name, "subgoals": texts}
-        if said.scene and not _alike(one, self._found[0]):
-            certificate["calibration"] = self._calibration(one)
-        described = said.description
+        contents, trajectory = self.contents, self._trajectories[index]
+        steps = len(trajectory.commands)
+        qpos, qvel = self._joints(trajectory, steps)
+        action, executed = action_and_executed(trajectory.commands, trajectory.executed, contents.disturbed)
+        subgoal, texts = counted_subgoals(trajectory.commands)
+        certificate: dict[str, Any] = {"imported": trajectory.name, "subgoals": texts}
+        if contents.scene and not _same_calibration(trajectory, self._trajectories[0]):
+            certificate["calibration"] = self._calibration(trajectory)
+        description = contents.description
         return Episode(
-            task=said.task,
-            seed=said.seeds[index],
+            task=contents.task,
+            seed=contents.seeds[index],
             qpos=qpos,
             qvel=qvel,
             action=action,
             executed=executed,
-            images={camera: self._rows(one.rgb[name], steps) for camera, name in self._cameras.items()},
-            poses={name: self._read(one.bodies[name], steps)[:, : len(POSE)] for name in self._objects},
+            images={
+                camera: self._rows(trajectory.rgb[name], steps) for camera, name in self._cameras.items()
+            },
+            poses={
+                name: self._read(trajectory.bodies[name], steps)[:, : len(POSE)] for name in self._objects
+            },
             subgoal=subgoal,
             certificate=certificate,
-            judged=_judged(steps) if described else None,
-            extras=self._depth(one, steps) if described and described.depth else {},
+            judged=_judged(steps) if description else None,
+            extras=self._depth(trajectory, steps) if description and description.depth else {},
         )
 
     def _rows(self, dataset: Any, steps: int) -> NDArray[Any]:
-        return hdf5.rows(self._path, dataset, 0, steps)
+        return hdf5.read_rows(self._path, dataset, 0, steps)
 
     def _read(self, dataset: Any, steps: int) -> NDArray[np.float32]:
-        return numbers(self._path, dataset.name, self._rows(dataset, steps))
+        return finite_float32(self._path, dataset.name, self._rows(dataset, steps))
 
-    def _joints(self, one: Trajectory, steps: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _joints(self, trajectory: Trajectory, steps: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """qpos and qvel (T, N, 9): observed, else from the simulator's state, else as commanded."""
-        if one.joints:
-            qpos, qvel = zip(*one.joints, strict=True)
-            measured = [[self._read(each, steps) for each in datasets] for datasets in (qpos, qvel)]
+        if trajectory.joints:
+            qpos, qvel = zip(*trajectory.joints, strict=True)
+            measured = [[self._read(dataset, steps) for dataset in datasets] for datasets in (qpos, qvel)]
             return np.stack(measured[0], axis=1), np.stack(measured[1], axis=1)
-        if one.states:
-            states = np.stack([self._read(each, steps) for each in one.states], axis=1)
-            return states[..., ROOT : ROOT + MEASURED], states[..., ROOT + MEASURED :]
-        assumed = assumed_qpos(one.told)
+        if trajectory.states:
+            states = np.stack([self._read(arm_states, steps) for arm_states in trajectory.states], axis=1)
+            return states[..., ROOT_SIZE : ROOT_SIZE + QPOS_SIZE], states[..., ROOT_SIZE + QPOS_SIZE :]
+        assumed = assumed_qpos(trajectory.commands)
         return assumed, np.zeros_like(assumed)
 
-    def _depth(self, one: Trajectory, steps: int) -> dict[str, NDArray[np.uint16]]:
-        found = {camera: self._rows(one.depth[name], steps) for camera, name in self._cameras.items()}
-        return {f"depth_{camera}": np.maximum(d, 0).astype(np.uint16)[..., 0] for camera, d in found.items()}
+    def _depth(self, trajectory: Trajectory, steps: int) -> dict[str, NDArray[np.uint16]]:
+        pictures = {
+            camera: self._rows(trajectory.depth[name], steps) for camera, name in self._cameras.items()
+        }
+        return {
+            f"depth_{camera}": np.maximum(depth, 0).astype(np.uint16)[..., 0]
+            for camera, depth in pictures.items()
+        }
 
-    def _in_all(self, what: str, each: Sequence[Mapping[str, Any]]) -> list[str]:
+    def _names_in_all(self, kind: str, groups: Sequence[Mapping[str, Any]]) -> list[str]:
         """Names that all trajectories have and that an array name may contain."""
-        names = sorted(set[str]().union(*each))
-        found = [name for name in names if all(name in one for one in each) and hdf5.NAME.fullmatch(name)]
-        if lost := [name for name in names if name not in found]:
+        names = sorted(set[str]().union(*groups))
+        common = [
+            name for name in names if all(name in group for group in groups) and hdf5.NAME.fullmatch(name)
+        ]
+        if left_out := [name for name in names if name not in common]:
             why = "not every trajectory has it, or its name cannot be kept"
-            self._notes += [f"{what} {name} was left out: {why}" for name in lost]
-        return found
+            self._notes += [f"{kind} {name} was left out: {why}" for name in left_out]
+        return common
 
-    def _named_cameras(self, agents: int) -> dict[str, str]:
+    def _choose_cameras(self, agents: int) -> dict[str, str]:
         """Camera -> its name in the file; all have the size of the first agent's camera, or the first's."""
-        found: dict[str, str] = {}
-        for name in self._in_all("camera", [each.rgb for each in self._found]):
-            camera = camera_of(name, agents)
-            if (other := found.setdefault(camera, name)) != name:
-                self._notes.append(f"camera {name} was left out: {other} is camera {camera} already")
-        ranked = ordered(found, agents)
-        sizes = {name: {each.rgb[name].shape[1:3] for each in self._found} for name in found.values()}
-        size = sizes[found["agent1" if "agent1" in found else ranked[0]]] if found else set()
-        for name in [name for name in found.values() if sizes[name] != size or len(size) > 1]:
+        cameras: dict[str, str] = {}
+        for name in self._names_in_all("camera", [trajectory.rgb for trajectory in self._trajectories]):
+            camera = camera_from_release(name, agents)
+            if (first_name := cameras.setdefault(camera, name)) != name:
+                self._notes.append(f"camera {name} was left out: {first_name} is camera {camera} already")
+        order = sort_cameras(cameras, agents)
+        sizes = {
+            name: {trajectory.rgb[name].shape[1:3] for trajectory in self._trajectories}
+            for name in cameras.values()
+        }
+        size = sizes[cameras["agent1" if "agent1" in cameras else order[0]]] if cameras else set()
+        for name in [name for name in cameras.values() if sizes[name] != size or len(size) > 1]:
             self._notes.append(f"camera {name} was left out: its pictures are {sorted(sizes[name])} px")
-        return {camera: found[camera] for camera in ranked if sizes[found[camera]] == size and len(size) == 1}
+        return {
+            camera: cameras[camera] for camera in order if sizes[cameras[camera]] == size and len(size) == 1
+        }
 
     def _contents(self, task: str, agents: int) -> Contents:
-        found = self._found
-        seeds, known = own_seeds([each.seed for each in found])
-        told = [each.told for each in found]
-        standing, judged = all(each.bases for each in found), all(each.judged for each in found)
+        trajectories = self._trajectories
+        seeds, seeds_known = scene_seeds([trajectory.seed for trajectory in trajectories])
+        commands = [trajectory.commands for trajectory in trajectories]
+        bases_known, success_known = (
+            all(trajectory.bases for trajectory in trajectories),
+            all(trajectory.ends_in_success for trajectory in trajectories),
+        )
         names = self._cameras.values()
-        stands = {
-            camera: found[0].stands[name]
+        camera_poses = {
+            camera: trajectories[0].camera_poses[name]
             for camera, name in self._cameras.items()
-            if all(name in each.stands for each in found)
+            if all(name in trajectory.camera_poses for trajectory in trajectories)
         }
-        measured = all(each.joints or each.states for each in found)
+        measured = all(trajectory.joints or trajectory.states for trajectory in trajectories)
         missing = {
             "pictures": not names,
             "poses": not self._objects,
-            "calibration": not standing or len(stands) < len(names),
+            "calibration": not bases_known or len(camera_poses) < len(names),
             "measured joints": not measured,
             "velocities": not measured,
-            "success": not judged,
-            "seeds": not known,
+            "success": not success_known,
+            "seeds": not seeds_known,
             "subgoals": True,
             "certificates": True,
         }
-        height, width = next((found[0].rgb[name].shape[1:3] for name in names), (0, 0))
-        depths = [name in each.depth for each in found for name in names]
-        depth = bool(depths) and all(depths)
-        if any(depths) and not (depth and judged):
-            why = "not every camera of every trajectory has it" if judged else "success is not known"
+        height, width = next((trajectories[0].rgb[name].shape[1:3] for name in names), (0, 0))
+        depth_present = [name in trajectory.depth for trajectory in trajectories for name in names]
+        depth = bool(depth_present) and all(depth_present)
+        if any(depth_present) and not (depth and success_known):
+            why = "not every camera of every trajectory has it" if success_known else "success is not known"
             self._notes.append(f"depth was left out: {why}")
         scene = {
-            "robots": [planar_of(base) for base in found[0].bases],
-            "cameras": {camera: plain(spec_of(stand).identity) for camera, stand in stands.items()},
+            "robots": [planar_pose(base) for base in trajectories[0].bases],
+            "cameras": {camera: plain(camera_spec(pose).identity) for camera, pose in camera_poses.items()},
         }
         return Contents(
             form=FORM,
             task=task,
             agents=agents,
-            episodes=[each.name for each in found],
+            episodes=[trajectory.name for trajectory in trajectories],
             seeds=seeds,
-            steps=[*map(len, told)],
+            steps=[*map(len, commands)],
             cameras=[*self._cameras],
             size_px=(height, width),
             objects=self._objects,
-            told=digest_of(told, seeds),
-            disturbed=any(each.executed is not None or within_limits(each.told)[1] for each in found),
-            scene=scene if standing else {},
-            description=_description(task, found[0], stands, (width, height), depth) if judged else None,
-            missing=[what for what, lacks in missing.items() if lacks],
-            notes=[*self._notes, *bounds_note(told)],
+            commands_digest=digest_commands(commands, seeds),
+            disturbed=any(
+                trajectory.executed is not None or within_limits(trajectory.commands)[1]
+                for trajectory in trajectories
+            ),
+            scene=scene if bases_known else {},
+            description=_description(task, trajectories[0], camera_poses, (width, height), depth)
+            if success_known
+            else None,
+            missing=[item for item, is_missing in missing.items() if is_missing],
+            notes=[*self._notes, *bounds_note(commands)],
         )
 
-    def _calibration(self, one: Trajectory) -> dict[str, Any]:
+    def _calibration(self, trajectory: Trajectory) -> dict[str, Any]:
         """Calibration of a trajectory, as in a certificate."""
         cameras = {
-            camera: {"fov_deg": stand.fov_deg, "parent_from_camera": plain(stand.world_from_camera)}
+            camera: {"fov_deg": pose.fov_deg, "parent_from_camera": plain(pose.world_from_camera)}
             for camera, name in self._cameras.items()
-            if (stand := one.stands.get(name)) is not None
+            if (pose := trajectory.camera_poses.get(name)) is not None
         }
-        return {"world_from_base": [plain(base) for base in one.bases], "cameras": cameras}
+        return {"world_from_base": [plain(base) for base in trajectory.bases], "cameras": cameras}
 
 
 def _description(
-    task: str, usual: Trajectory, stands: Mapping[str, Stand], size_px: tuple[int, int], depth: bool
+    task: str,
+    first: Trajectory,
+    camera_poses: Mapping[str, CameraPose],
+    size_px: tuple[int, int],
+    depth: bool,
 ) -> Description:
     """Description of a store whose trajectories all end in success; `size_px`: width, height of pictures."""
     models = {
-        camera: CameraModel(*size_px, float(np.deg2rad(stand.fov_deg)), stand.world_from_camera)
-        for camera, stand in stands.items()
+        camera: CameraModel(*size_px, float(np.deg2rad(pose.fov_deg)), pose.world_from_camera)
+        for camera, pose in camera_poses.items()
     }
     return Description(
         language={
@@ -224,29 +264,32 @@ def _description(
             "target_condition": "Their environment said when it was done.",
         },
         conditions=(SUCCESS,),
-        world_from_base=[plain(base) for base in usual.bases],
+        world_from_base=[plain(base) for base in first.bases],
         camera_models={
-            camera: {"intrinsics": plain(each.intrinsics), "world_from_camera": plain(each.world_from_camera)}
-            for camera, each in models.items()
+            camera: {
+                "intrinsics": plain(model.intrinsics),
+                "world_from_camera": plain(model.world_from_camera),
+            }
+            for camera, model in models.items()
         },
         depth=depth,
     )
 
 
-def _alike(one: Trajectory, other: Trajectory) -> bool:
+def _same_calibration(first: Trajectory, second: Trajectory) -> bool:
     """Whether arms and cameras have the same poses in two trajectories."""
-    pairs = list(zip(one.bases, other.bases, strict=True))
-    for name in one.stands.keys() & other.stands.keys():
-        a, b = one.stands[name], other.stands[name]
-        if abs(a.fov_deg - b.fov_deg) > SAME:
+    pairs = list(zip(first.bases, second.bases, strict=True))
+    for name in first.camera_poses.keys() & second.camera_poses.keys():
+        a, b = first.camera_poses[name], second.camera_poses[name]
+        if abs(a.fov_deg - b.fov_deg) > ABSOLUTE_TOLERANCE:
             return False
         pairs.append((a.world_from_camera, b.world_from_camera))
-    return all(np.abs(a - b).max() <= SAME for a, b in pairs)
+    return all(np.abs(a - b).max() <= ABSOLUTE_TOLERANCE for a, b in pairs)
 
 
 def _judged(steps: int) -> Judged:
     """Conditions of an episode that succeeds with its last action."""
-    holds = last(steps)[:, None]
+    holds = success_flags(steps)[:, None]
     value = holds.astype(np.float32)
     unit = np.full(holds.shape, UNITS.index(""), np.uint8)
     return Judged((SUCCESS,), value, np.ones_like(value), unit, holds)
@@ -254,39 +297,41 @@ def _judged(steps: int) -> Judged:
 
 def read(path: Path, file: Any, task: str | None) -> Trajectories:
     """Source of an open file, with the JSON file beside it if any. Raises StageError, ArgumentError."""
-    beside, said = path.with_suffix(".json"), {}
-    if beside.is_file():
-        said = read_json(beside, "restore it from a copy, or import the .h5 from a folder without it")
-    expect(isinstance(said, dict), path, f"{beside.name} holds no object")
-    info = _object(said.get("env_info"))
-    kwargs = _object(info.get("env_kwargs"))
+    json_path, metadata = path.with_suffix(".json"), {}
+    if json_path.is_file():
+        metadata = read_json(json_path, "restore it from a copy, or import the .h5 from a folder without it")
+    require(isinstance(metadata, dict), path, f"{json_path.name} holds no object")
+    info = _as_object(metadata.get("env_info"))
+    kwargs = _as_object(info.get("env_kwargs"))
     _expect_joint_targets(path, kwargs.get("control_mode"))
-    rate = _object(kwargs.get("sim_config")).get("control_freq", CONTROL_HZ)
-    expect(rate == CONTROL_HZ, path, f"its control rate is {rate} Hz; a store is of {CONTROL_HZ}")
+    rate = _as_object(kwargs.get("sim_config")).get("control_freq", CONTROL_HZ)
+    require(rate == CONTROL_HZ, path, f"its control rate is {rate} Hz; a store is of {CONTROL_HZ}")
     names = info.get("env_id"), path.parent.parent.name, path.parent.name, path.stem
-    named = next(filter(None, (task_of(str(name)) for name in names)), "")
-    return Trajectories(path, file, checked_name(path, task or named), said)
+    task_name = next(filter(None, (task_of(str(name)) for name in names)), "")
+    return Trajectories(path, file, checked_name(path, task or task_name), metadata)
 
 
-def _object(value: object) -> Mapping[str, Any]:
+def _as_object(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _entries(path: Path, said: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
+def _entries(path: Path, metadata: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
     """Trajectory number -> its entry in the JSON file."""
-    episodes = said.get("episodes", [])
-    expect(isinstance(episodes, list), path, "episodes of its JSON file is no list")
-    found: dict[int, Mapping[str, Any]] = {}
+    episodes = metadata.get("episodes", [])
+    require(isinstance(episodes, list), path, "episodes of its JSON file is no list")
+    entries: dict[int, Mapping[str, Any]] = {}
     for entry in episodes:
-        number: Any = _object(entry).get("episode_id")
-        expect(type(number) is int, path, "an episode of its JSON file has no episode_id")
-        expect(number not in found, path, f"its JSON file has two episodes {number}")
-        found[number] = entry
+        number: Any = _as_object(entry).get("episode_id")
+        require(type(number) is int, path, "an episode of its JSON file has no episode_id")
+        require(number not in entries, path, f"its JSON file has two episodes {number}")
+        entries[number] = entry
         _expect_joint_targets(path, entry.get("control_mode"))
-    return found
+    return entries
 
 
 def _expect_joint_targets(path: Path, mode: object) -> None:
     """Raises StageError for another declared control mode; undeclared ones are judged by joint limits."""
-    for each in mode.values() if isinstance(mode, dict) else [mode]:
-        expect(each in (None, CONTROL_MODE), path, f"its control mode is {each!r}; expected {CONTROL_MODE}")
+    for value in mode.values() if isinstance(mode, dict) else [mode]:
+        require(
+            value in (None, CONTROL_MODE), path, f"its control mode is {value!r}; expected {CONTROL_MODE}"
+        )

@@ -6,9 +6,10 @@ from typing import Any, cast
 
 import dacite
 
+from rf_exp.datagen.brain.chat import Chat, Message, OpenAIChat, probe
 from rf_exp.datagen.brain.faults import FAULTS
-from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec, filled, listed
-from rf_exp.datagen.brain.legal import legal
+from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec, bullet_list, fill_prompt
+from rf_exp.datagen.brain.legal import legal_answers
 from rf_exp.datagen.brain.protocol import (
     BadAnswer,
     Brain,
@@ -24,12 +25,11 @@ from rf_exp.datagen.brain.scripted import (
     RandomSpec,
     ScriptedBrain,
     ScriptedSpec,
-    applies,
+    fault_applies,
     faults_for,
 )
-from rf_exp.datagen.brain.talk import Chat, Message, OpenAIChat, probe
-from rf_exp.errors import ArgumentError, choices
-from rf_exp.secrets import no_key_here
+from rf_exp.errors import ArgumentError, unknown_choice
+from rf_exp.secrets import key_in_config_error
 
 __all__ = [
     "FAULTS",
@@ -49,12 +49,12 @@ __all__ = [
     "ReplaySpec",
     "ScriptedBrain",
     "ScriptedSpec",
-    "applies",
+    "bullet_list",
+    "fault_applies",
     "faults_for",
-    "filled",
+    "fill_prompt",
     "from_json",
-    "legal",
-    "listed",
+    "legal_answers",
     "probe",
     "read_brain",
     "read_object",
@@ -69,9 +69,9 @@ def read_brain(node: Mapping[str, Any]) -> BrainSpec:
     options = {key: value for key, value in node.items() if key != "name"}
     name = node.get("name")
     if name not in SPECS:
-        raise choices("brain", name, SPECS)
+        raise unknown_choice("brain", name, SPECS)
     if "api_key" in options:
-        raise no_key_here("api_key")
+        raise key_in_config_error("api_key")
     config = dacite.Config(strict=True, type_hooks={Path: Path, float: _number})
     try:
         return cast(BrainSpec, dacite.from_dict(SPECS[name], options, config))

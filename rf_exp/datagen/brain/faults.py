@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.brain.protocol import Question
-from rf_exp.errors import choices
+from rf_exp.errors import unknown_choice
 from rf_exp.statements import (
     VERBS,
     AvoidAgents,
@@ -29,26 +29,26 @@ from rf_exp.statements import (
     Step,
     Together,
     agent_name,
-    understood,
+    read_or_unparsed,
 )
 from rf_exp.transforms import Matrix
 from rf_exp.types import Subgoal
 
 UNEVEN_M = 0.06
 TOO_SOON_S = 0.1
-APART_S = 5.0
+WAIT_S = 5.0
 ZONE_HALF_M = 0.1
 TOO_HIGH_M = 3.0
 IN_THE_WAY_M = 0.1
 FAR_M = 1.6
-UNDER_M = 0.02
-CRAWLS_M_S, SOON_S = 0.02, 2.0  # together 4 cm
+BELOW_M = 0.02
+CRAWL_M_S, SOON_S = 0.02, 2.0  # together 4 cm
 
 T = TypeVar("T")
 Change = Callable[[Proposal, Question, np.random.Generator], Proposal]
 
 
-class _NoRoom(Exception):
+class _NotApplicable(Exception):
     """Raised for a proposal that does not admit the fault."""
 
 
@@ -57,31 +57,31 @@ class Fault:
     """A named mistake."""
 
     name: str
-    made: Change
+    insert: Change
     breaks: bool  # True: a demand cannot be met; False: a demand is left out
 
     def change(self, proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
         """The proposal with the fault in it; None where it does not admit the fault."""
         try:
-            return self.made(proposal, question, rng)
-        except _NoRoom:
+            return self.insert(proposal, question, rng)
+        except _NotApplicable:
             return None
 
 
 FAULTS: dict[str, Fault] = {}
 
 
-def fault(made: Change, *, breaks: bool = True) -> Change:
+def fault(insert: Change, *, breaks: bool = True) -> Change:
     """Decorator that registers a function as the fault of the same name."""
-    name = made.__name__  # pyright: ignore[reportFunctionMemberAccess]
-    FAULTS[name] = Fault(name, made, breaks)
-    return made
+    name = insert.__name__  # pyright: ignore[reportFunctionMemberAccess]
+    FAULTS[name] = Fault(name, insert, breaks)
+    return insert
 
 
 def fault_named(fault: str) -> Fault:
     """The fault of that name. Raises ArgumentError that lists all names."""
     if fault not in FAULTS:
-        raise choices("fault", fault, FAULTS)
+        raise unknown_choice("fault", fault, FAULTS)
     return FAULTS[fault]
 
 
@@ -97,8 +97,8 @@ def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator
         if point.kind == subgoal.verb and other != subgoal.point
     ]
     wrong = choose(options, rng)
-    same = wrong.agent, wrong.verb, wrong.object
-    subgoals = (wrong if (s.agent, s.verb, s.object) == same else s for s in proposal.subgoals)
+    key = wrong.agent, wrong.verb, wrong.object
+    subgoals = (wrong if (s.agent, s.verb, s.object) == key else s for s in proposal.subgoals)
     return replace(proposal, subgoals=tuple(subgoals))
 
 
@@ -106,7 +106,7 @@ def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator
 def unknown_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A subgoal names an interaction point that its object does not have."""
     chosen = choose(contacts(proposal), rng)
-    return exchanged(proposal, chosen, replace(chosen, point="nowhere"))
+    return with_subgoal(proposal, chosen, replace(chosen, point="nowhere"))
 
 
 @fault
@@ -123,7 +123,7 @@ def uneven_height(proposal: Proposal, question: Question, rng: np.random.Generat
     """One of two agents that must stay level lifts higher than the other."""
     level = {agent for c in proposal.constraints if isinstance(c, SameHeight) for agent in c.agents}
     chosen = choose([s for s in proposal.subgoals if s.agent in level and s.height_m is not None], rng)
-    return exchanged(proposal, chosen, replace(chosen, height_m=(chosen.height_m or 0.0) + UNEVEN_M))
+    return with_subgoal(proposal, chosen, replace(chosen, height_m=(chosen.height_m or 0.0) + UNEVEN_M))
 
 
 # -- agents and objects
@@ -132,12 +132,12 @@ def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator
     """Two agents have each other's subgoals; the constraints still speak of the right ones."""
     agents = list(dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals))
     if len(agents) < 2 or not any(demands_point(proposal, s) for s in contacts(proposal)):
-        raise _NoRoom
+        raise _NotApplicable
     first, second = (int(agent) for agent in rng.choice(agents, 2, replace=False))
     other = {first: second, second: first}
     swapped = tuple(replace(s, agent=other.get(s.agent, s.agent)) for s in proposal.subgoals)
     if set(swapped) == set(proposal.subgoals):
-        raise _NoRoom
+        raise _NotApplicable
     return replace(proposal, subgoals=swapped)
 
 
@@ -151,14 +151,14 @@ def unknown_agent(proposal: Proposal, question: Question, rng: np.random.Generat
 def missing_object(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A subgoal names an object that does not exist."""
     chosen = choose([s for s in proposal.subgoals if s.object], rng)
-    return exchanged(proposal, chosen, replace(chosen, object=f"second_{chosen.object}"))
+    return with_subgoal(proposal, chosen, replace(chosen, object=f"second_{chosen.object}"))
 
 
 @fault
 def missing_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An object is to be placed at a target that does not exist."""
     chosen = choose([s for s in proposal.subgoals if s.target], rng)
-    return exchanged(proposal, chosen, replace(chosen, target="nowhere", target_point=None))
+    return with_subgoal(proposal, chosen, replace(chosen, target="nowhere", target_point=None))
 
 
 @partial(fault, breaks=False)
@@ -167,7 +167,7 @@ def missing_subgoal(proposal: Proposal, question: Question, rng: np.random.Gener
     lasts = {subgoal.agent: subgoal for subgoal in proposal.subgoals}
     left_out = choose(list(lasts.values()), rng)
     if len(proposal.subgoals) < 2:
-        raise _NoRoom
+        raise _NotApplicable
     return replace(proposal, subgoals=tuple(s for s in proposal.subgoals if s is not left_out))
 
 
@@ -184,7 +184,7 @@ def unreadable_constraint(proposal: Proposal, question: Question, rng: np.random
     """A constraint is worded so that it matches no check."""
     chosen = int(rng.choice(question.task.agents))
     text = f"{agent_name(chosen)} should mind its manners."
-    return with_constraint(proposal, understood(text, question.task.vocabulary, "spatial", (chosen,)))
+    return with_constraint(proposal, read_or_unparsed(text, question.task.vocabulary, "spatial", (chosen,)))
 
 
 # -- order and time
@@ -194,7 +194,7 @@ def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generat
     pairs = [
         pair
         for agent in question.task.agents
-        for pair in pairwise(proposal.of(agent))
+        for pair in pairwise(proposal.subgoals_of(agent))
         if pair[0].verb == "grasp" and pair[1].object == pair[0].object
     ]
     pair = choose(pairs, rng)
@@ -205,7 +205,7 @@ def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generat
 @fault
 def circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An order is demanded in both directions."""
-    order = choose(list(orders(proposal)), rng)
+    order = choose(list(demanded_orders(proposal)), rng)
     return with_constraint(proposal, Before(order[1], order[0]))
 
 
@@ -214,7 +214,7 @@ def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.
     """One of two agents that must act together has to wait for the other."""
     together = choose([c for c in proposal.constraints if isinstance(c, Together)], rng)
     late, other = (int(agent) for agent in rng.permutation(together.agents[:2]))
-    return with_constraint(proposal, Before(Step(other), Step(late), APART_S))
+    return with_constraint(proposal, Before(Step(other), Step(late), WAIT_S))
 
 
 @fault
@@ -222,7 +222,7 @@ def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.G
     """An agent has to be done before it can have moved."""
     movers = [s.agent for s in proposal.subgoals if s.verb not in ("hold", "home")]
     if not movers:
-        raise _NoRoom
+        raise _NotApplicable
     return with_constraint(proposal, Deadline(Step(int(rng.choice(movers))), TOO_SOON_S))
 
 
@@ -231,16 +231,16 @@ def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.G
 def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent has to pass through another arm, which grasps an object there and then stays."""
     options = [
-        (parked, goes.agent)
-        for parked, goes in product(contacts(proposal), proposal.subgoals)
-        if parked.verb == "grasp" and goes.agent != parked.agent
-        if not (is_brought(proposal, parked) or is_brought(proposal, goes))
-        if apart_m(parked, goes, question) < IN_THE_WAY_M
+        (parked, mover.agent)
+        for parked, mover in product(contacts(proposal), proposal.subgoals)
+        if parked.verb == "grasp" and mover.agent != parked.agent
+        if not (is_moved_before(proposal, parked) or is_moved_before(proposal, mover))
+        if goal_distance_m(parked, mover, question) < IN_THE_WAY_M
     ]
-    parked, goes = choose(options, rng)
-    subgoals = (parked, *proposal.of(goes))
-    theirs = (c for c in proposal.constraints if set(c.agents) <= {parked.agent, goes})
-    return Proposal(subgoals, tuple(c for c in theirs if c.kind != "temporal"))
+    parked, mover = choose(options, rng)
+    subgoals = (parked, *proposal.subgoals_of(mover))
+    remaining = (c for c in proposal.constraints if set(c.agents) <= {parked.agent, mover})
+    return Proposal(subgoals, tuple(c for c in remaining if c.kind != "temporal"))
 
 
 @fault
@@ -249,7 +249,7 @@ def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Ge
     lifts = [s for s in proposal.subgoals if s.verb == "lift"]
     if lifts:
         lift = choose(lifts, rng)
-        return exchanged(proposal, lift, replace(lift, height_m=TOO_HIGH_M))
+        return with_subgoal(proposal, lift, replace(lift, height_m=TOO_HIGH_M))
     last = {s.agent: s for s in proposal.subgoals}
     grasp = choose([s for s in last.values() if s.verb == "grasp"], rng)
     lift = Subgoal(grasp.agent, "lift", grasp.object, height_m=TOO_HIGH_M)
@@ -272,7 +272,7 @@ def impossible_distance(proposal: Proposal, question: Question, rng: np.random.G
     pairs = [
         (one.agent, other.agent)
         for one, other in product(contacts(proposal), contacts(proposal))
-        if one.agent < other.agent and apart_m(one, other, question) < FAR_M / 2
+        if one.agent < other.agent and goal_distance_m(one, other, question) < FAR_M / 2
     ]
     return with_constraint(proposal, KeepApart(choose(pairs, rng), FAR_M))
 
@@ -290,21 +290,21 @@ def impossible_height(proposal: Proposal, question: Question, rng: np.random.Gen
     """An agent has to keep its gripper below the very point that it has to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
     height_m = float(contact_pose(chosen, question)[2, 3])
-    return with_constraint(proposal, KeepHeight(chosen.agent, max(0.0, round(height_m - UNDER_M, 3))))
+    return with_constraint(proposal, KeepHeight(chosen.agent, max(0.0, round(height_m - BELOW_M, 3))))
 
 
 @fault
 def impossible_speed(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent has to move very slowly, and to be done soon."""
     chosen = choose(contacts_in_place(proposal), rng)
-    slowly = with_constraint(proposal, SpeedLimit(chosen.agent, CRAWLS_M_S))
+    slowly = with_constraint(proposal, SpeedLimit(chosen.agent, CRAWL_M_S))
     return with_constraint(slowly, Deadline(Step(chosen.agent), SOON_S))
 
 
 # -- helpers
 def choose(options: Sequence[T], rng: np.random.Generator) -> T:
     if not options:
-        raise _NoRoom
+        raise _NotApplicable
     return options[int(rng.integers(len(options)))]
 
 
@@ -313,22 +313,23 @@ def contacts(proposal: Proposal) -> list[Subgoal]:
     return [s for s in proposal.subgoals if VERBS[s.verb].is_contact and s.object and s.point]
 
 
-def orders(proposal: Proposal) -> Iterator[tuple[Step, Step]]:
+def demanded_orders(proposal: Proposal) -> Iterator[tuple[Step, Step]]:
     """The demanded orders of subgoals: the first step, and the step that waits for it."""
     for each in proposal.constraints:
         if isinstance(each, Before) and isinstance(each.first, Step) and each.first.verb and each.then.verb:
             yield each.first, each.then
 
 
-def is_brought(proposal: Proposal, contact: Subgoal) -> bool:
+def is_moved_before(proposal: Proposal, contact: Subgoal) -> bool:
     """Whether a demanded order moves the object before the contact, which then takes place elsewhere."""
-    meets = Step(contact.agent, contact.verb, contact.object)
-    return any(first.object == contact.object and then == meets for first, then in orders(proposal))
+    waiting = Step(contact.agent, contact.verb, contact.object)
+    orders = demanded_orders(proposal)
+    return any(first.object == contact.object and then == waiting for first, then in orders)
 
 
 def contacts_in_place(proposal: Proposal) -> list[Subgoal]:
     """Contacts with objects at their present poses."""
-    return [each for each in contacts(proposal) if not is_brought(proposal, each)]
+    return [each for each in contacts(proposal) if not is_moved_before(proposal, each)]
 
 
 def goal_m(subgoal: Subgoal, question: Question) -> NDArray[np.float64] | None:
@@ -345,7 +346,7 @@ def contact_pose(contact: Subgoal, question: Question) -> Matrix:
     return question.scene.poses[name] @ question.task.asset(name).points[point].object_from_tcp
 
 
-def apart_m(one: Subgoal, other: Subgoal, question: Question) -> float:
+def goal_distance_m(one: Subgoal, other: Subgoal, question: Question) -> float:
     """The horizontal distance between the goals of two subgoals; infinite where one has no goal."""
     a, b = goal_m(one, question), goal_m(other, question)
     return float("inf") if a is None or b is None else float(np.linalg.norm(a[:2] - b[:2]))
@@ -359,7 +360,7 @@ def demands_point(proposal: Proposal, subgoal: Subgoal) -> bool:
     )
 
 
-def exchanged(proposal: Proposal, old: Subgoal, new: Subgoal) -> Proposal:
+def with_subgoal(proposal: Proposal, old: Subgoal, new: Subgoal) -> Proposal:
     return replace(proposal, subgoals=tuple(new if s is old else s for s in proposal.subgoals))
 
 

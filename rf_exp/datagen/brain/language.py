@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rf_exp.artifacts import without
-from rf_exp.datagen.brain.legal import legal
+from rf_exp.artifacts import drop_defaults
+from rf_exp.datagen.brain.chat import Chat, Connection, Message, OpenAIChat, ReplayChat, exchanges_path
+from rf_exp.datagen.brain.legal import legal_answers
 from rf_exp.datagen.brain.protocol import (
     BadAnswer,
     BrainSpec,
@@ -24,18 +25,17 @@ from rf_exp.datagen.brain.protocol import (
     strict_answer,
     to_json,
 )
-from rf_exp.datagen.brain.talk import Chat, Connection, Message, OpenAIChat, ReplayChat, exchanges_path
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.findings import Dialogue
-from rf_exp.statements import Proposal, Unread, samples, subgoal_forms, understood
+from rf_exp.statements import Proposal, UnparsedStatement, read_or_unparsed, samples, subgoal_forms
 from rf_exp.tasks import Task
 from rf_exp.texts import shown
 from rf_exp.transforms import Matrix
 from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, ConstraintSet, Pictures, camera_names
 
 JPEG_QUALITY = 90
-LONGEST_NAME = 60  # characters of a model's name in file names
-LONGEST_SAID = 6000  # characters of its last answer that a prompt repeats
+MAX_NAME_LENGTH = 60  # characters of a model's name in file names
+MAX_QUOTED_ANSWER = 6000  # characters of its last answer that a prompt repeats
 
 
 class LanguageBrain:
@@ -43,34 +43,35 @@ class LanguageBrain:
 
     def __init__(self, spec: "OpenAISpec | ReplaySpec", chat: Chat) -> None:
         self.name, self._spec, self._chat = spec.name, spec, chat
-        self._said = ""  # the last answer, verbatim
+        self._last_answer = ""  # the last answer, verbatim
 
-    def accounted(self, dialogue: Dialogue) -> Dialogue:
+    def with_usage(self, dialogue: Dialogue) -> Dialogue:
         """The dialogue of a finished episode, with the numbers of calls and tokens.
 
         The outcome of each proposal is recorded beside its exchange.
         """
-        self._chat.judged([" ".join(filter(None, (each.ruling, each.code))) for each in dialogue.answers])
-        asked, tokens = self._chat.asked, Counter[str]()
-        for each in asked:
+        verdicts = [" ".join(filter(None, (each.ruling, each.code))) for each in dialogue.answers]
+        self._chat.record_verdicts(verdicts)
+        exchanges, tokens = self._chat.exchanges, Counter[str]()
+        for each in exchanges:
             tokens.update(asdict(each.usage) if each.usage is not None else {})
-        return replace(dialogue, calls=len(asked), **tokens)
+        return replace(dialogue, calls=len(exchanges), **tokens)
 
     def answer(self, question: Question) -> str:
         live = self._spec if isinstance(self._spec, OpenAISpec) else None
-        known = legal(question.task, question.scene) if live is not None and live.enumerated else None
-        schema = strict_answer(question.task, known).model_json_schema()
+        legal = legal_answers(question.task, question.scene) if live is not None and live.enumerated else None
+        schema = strict_answer(question.task, legal).model_json_schema()
         pictures = live.jpegs(question.images, len(question.task.agents)) if live is not None else {}
-        messages = _messages(question, pictures, self._said if question.feedback else "")
-        self._said = ""  # in case the model gives none now
-        self._said = text = self._chat.ask("propose", messages, schema)
+        messages = _messages(question, pictures, self._last_answer if question.feedback else "")
+        self._last_answer = ""  # in case the model gives none now
+        self._last_answer = text = self._chat.ask("propose", messages, schema)
         if not self._spec.restate:
             return text
         try:
             proposal = from_json(text, question.task)
         except BadAnswer:
             return text  # the generation loop reports the error
-        return to_json(_restated(proposal, question.task, self._chat))
+        return to_json(_restate_unclear(proposal, question.task, self._chat))
 
 
 @dataclass(frozen=True)
@@ -89,25 +90,25 @@ class OpenAISpec(Connection, BrainSpec):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.cameras not in get_args(CameraChoice):
-            raise choices("brain.cameras", self.cameras, get_args(CameraChoice))
+            raise unknown_choice("brain.cameras", self.cameras, get_args(CameraChoice))
         if self.picture_px is not None and not SMALLEST_PX <= self.picture_px <= LARGEST_PX:
             raise ArgumentError(
                 f"brain.picture_px is {self.picture_px}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels, "
                 "and null: as the cameras take them"
             )
 
-    def check(self, taken: Pictures) -> None:
+    def check(self, rendered: Pictures) -> None:
         """Raises ArgumentError where pictures are to be sent that are not rendered."""
         if self.cameras == "all" or not self.pictures:
             return
-        if not taken.render:
+        if not rendered.render:
             raise ArgumentError(
                 f"brain.cameras={self.cameras}, but render=false takes no pictures; use render=true, "
                 "brain.pictures=false or brain.cameras=all: of those there are"
             )
-        if taken.cameras not in ("all", self.cameras):
+        if rendered.cameras not in ("all", self.cameras):
             raise ArgumentError(
-                f"brain.cameras={self.cameras}, but cameras={taken.cameras} takes other pictures; use "
+                f"brain.cameras={self.cameras}, but cameras={rendered.cameras} takes other pictures; use "
                 f"cameras=all, cameras={self.cameras} or brain.cameras=all: of those there are"
             )
 
@@ -130,7 +131,7 @@ class OpenAISpec(Connection, BrainSpec):
     @property
     def label(self) -> str:
         """The name with that of the model, made fit for file names."""
-        model = re.sub(r"[^\w.=-]", "-", self.model, flags=re.ASCII)[:LONGEST_NAME]
+        model = re.sub(r"[^\w.=-]", "-", self.model, flags=re.ASCII)[:MAX_NAME_LENGTH]
         return f"{self.name}+{model}"
 
     @property
@@ -141,9 +142,9 @@ class OpenAISpec(Connection, BrainSpec):
     def identity(self) -> dict[str, object]:
         """The options that determine the answers; time limits and budget do not."""
         keys = ("model", "base_url", "structured", "temperature", "max_tokens", "pictures", "restate")
-        later = {"extra_body": None, "cameras": "all", "picture_px": None, "enumerated": False}
-        said = {key: getattr(self, key) for key in (*keys, *later)}
-        return {"name": self.name, **without(said, **later)}
+        defaults = {"extra_body": None, "cameras": "all", "picture_px": None, "enumerated": False}
+        options = {key: getattr(self, key) for key in (*keys, *defaults)}
+        return {"name": self.name, **drop_defaults(options, **defaults)}
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> LanguageBrain:
         path = exchanges_path(self.folder, task, constraint_set, seed) if self.folder else None
@@ -172,34 +173,34 @@ class ReplaySpec(BrainSpec):
         """Raises ArgumentError when nothing was recorded for the task under these constraints."""
         path = exchanges_path(self.exchanges, task, constraint_set, seed)
         if not path.parent.is_dir():
-            told = f"brain.exchanges: there is no folder {path.parent}"
-            raise ArgumentError(f"{told}; a run with brain=openai makes it")
+            message = f"brain.exchanges: there is no folder {path.parent}"
+            raise ArgumentError(f"{message}; a run with brain=openai makes it")
         return LanguageBrain(self, ReplayChat(path))
 
 
 def constraint_forms() -> str:
     """Sample sentences of the grammar, some of every kind."""
-    return listed(sample.sentence for sample in samples())
+    return bullet_list(sample.sentence for sample in samples())
 
 
-def _messages(question: Question, pictures: Mapping[str, bytes], said: str) -> tuple[Message, Message]:
+def _messages(question: Question, pictures: Mapping[str, bytes], last_answer: str) -> tuple[Message, Message]:
     """The system prompt, and the description of the present scene, with JPEGs of it.
 
-    The model's last answer (`said`) is repeated beside the objections to it, so that it need not guess.
+    The model's last answer is repeated beside the objections to it, so that it need not guess.
     """
     task, scene = question.task, question.scene
-    system = filled("propose", subgoals=listed(subgoal_forms()), constraints=constraint_forms())
-    text = filled(
+    system = fill_prompt("propose", subgoals=bullet_list(subgoal_forms()), constraints=constraint_forms())
+    text = fill_prompt(
         "question",
         title=task.title,
         description=task.description,
         target=task.target_condition,
-        agents=listed(_agents(question)),
-        objects=listed(_objects(question)),
-        places=listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
-        previous=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
-        proposal=shown(said, LONGEST_SAID) if said else "none",
-        feedback=listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
+        agents=bullet_list(_agents(question)),
+        objects=bullet_list(_objects(question)),
+        places=bullet_list(f"{name}: {_position_text(pose)}" for name, pose in task.places(scene).items()),
+        previous=bullet_list(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
+        proposal=shown(last_answer, MAX_QUOTED_ANSWER) if last_answer else "none",
+        feedback=bullet_list(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
     return Message("system", system), Message("user", text, pictures)
 
@@ -219,18 +220,18 @@ def _objects(question: Question) -> Iterator[str]:
         asset = task.asset(name)
         size_m = np.ptp(asset.bounds_m, axis=0)
         yaw_deg = np.round(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) + 0.0
-        kind = "a mark on the table" if asset.ghost else "fixed" if asset.static else "movable"
+        kind = "a mark on the table" if asset.visual_only else "fixed" if asset.static else "movable"
         yield (
-            f"{name}: {_at(pose)}, turned {yaw_deg:.0f} deg, "
+            f"{name}: {_position_text(pose)}, turned {yaw_deg:.0f} deg, "
             f"{size_m[0]:.2f} x {size_m[1]:.2f} x {size_m[2]:.2f} m, {kind}"
         )
         for label, point in asset.points.items():
             world_from_tcp = pose @ point.object_from_tcp
             along = ", ".join(f"{value:.1f}" for value in np.round(world_from_tcp[:3, 2], 1) + 0.0)
-            yield f"{name}, point {label}: to {point.kind}, {_at(world_from_tcp)}, along ({along})"
+            yield f"{name}, point {label}: to {point.kind}, {_position_text(world_from_tcp)}, along ({along})"
 
 
-def _at(pose: Matrix) -> str:
+def _position_text(pose: Matrix) -> str:
     # Adding zero turns -0.0 into 0.0, so that noise around zero does not change the text.
     x, y, z = np.round(pose[:3, 3], 3) + 0.0
     return f"at ({x:.3f}, {y:.3f}, {z:.3f})"
@@ -241,7 +242,7 @@ class _Restated(BaseModel):
     Sentences: list[str]
 
 
-def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
+def _restate_unclear(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
     """The proposal with constraints that were not understood restated by a model, in one call for all.
 
     The paper lets a model match each constraint to a validator and its parameters. Here it may only restate
@@ -249,16 +250,18 @@ def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
     executed. Where it has no better sentence the constraint stays as it is, and the checker reports it:
     restating cannot help a sentence about something that does not exist.
     """
-    unclear = [each for each in proposal.constraints if isinstance(each, Unread)]
+    unclear = [statement for statement in proposal.constraints if isinstance(statement, UnparsedStatement)]
     if not unclear:
         return proposal
-    text = filled(
+    text = fill_prompt(
         "unclear",
-        objects=listed(f"{name}: {', '.join(task.asset(name).points) or 'none'}" for name in task.objects),
-        subgoals=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in proposal.subgoals),
+        objects=bullet_list(
+            f"{name}: {', '.join(task.asset(name).points) or 'none'}" for name in task.objects
+        ),
+        subgoals=bullet_list(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in proposal.subgoals),
         unclear="\n".join(f"{number}. {each.sentence}" for number, each in enumerate(unclear, start=1)),
     )
-    system = Message("system", filled("restate", constraints=constraint_forms()))
+    system = Message("system", fill_prompt("restate", constraints=constraint_forms()))
     try:
         text = chat.ask("restate", (system, Message("user", text)), _Restated.model_json_schema())
         sentences = _Restated.model_validate(read_object(text, "Sentences")).Sentences
@@ -266,21 +269,26 @@ def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
         return proposal
     if len(sentences) != len(unclear):
         return proposal
-    better = {
+    restated = {
         old: new
         for old, sentence in zip(unclear, sentences, strict=True)
-        if not isinstance(new := understood(sentence, task.vocabulary, old.kind, old.agents), Unread)
+        if not isinstance(
+            new := read_or_unparsed(sentence, task.vocabulary, old.kind, old.agents), UnparsedStatement
+        )
     }
-    stated = (better.get(each, each) if isinstance(each, Unread) else each for each in proposal.constraints)
-    return replace(proposal, constraints=tuple(stated))
+    constraints = (
+        restated.get(each, each) if isinstance(each, UnparsedStatement) else each
+        for each in proposal.constraints
+    )
+    return replace(proposal, constraints=tuple(constraints))
 
 
-def filled(name: str, **parts: str) -> str:
+def fill_prompt(name: str, **parts: str) -> str:
     """The text of `prompts/<name>.txt` with its `string.Template` placeholders filled in."""
     text = files("rf_exp.datagen.brain").joinpath("prompts", f"{name}.txt").read_text(encoding="utf-8")
     return Template(text).substitute(parts)
 
 
-def listed(lines: Iterable[str]) -> str:
+def bullet_list(lines: Iterable[str]) -> str:
     """A bulleted list of lines; `none` where there are none."""
     return "\n".join(f"- {line}" for line in lines) or "none"

@@ -26,13 +26,13 @@ from rf_exp.tasks import Task
 from rf_exp.types import Scene, Subgoal
 
 HEIGHTS_M = (0.05, 0.1, 0.15, 0.2)  # by which objects are lifted
-PUTTING = ("place", "drop")  # kinds of points at which objects are put
-TOGETHER = ("grasp", "lift")  # verbs that several arms can do at the same time with one object
-OVER = ("lift", "place", "press", "shut", "strike")  # verbs after which another arm may go on
+PLACING_KINDS = ("place", "drop")  # kinds of points at which objects are put
+JOINT_VERBS = ("grasp", "lift")  # verbs that several arms can do at the same time with one object
+ORDERED_VERBS = ("lift", "place", "press", "shut", "strike")  # verbs after which another arm may go on
 
 
 @dataclass(frozen=True)
-class Legal:
+class LegalAnswers:
     """Legal subgoals and constraints of one scene."""
 
     subgoals: Mapping[int, Sequence[Subgoal]]  # agent -> subgoals
@@ -40,67 +40,69 @@ class Legal:
 
     def fitting(self, subgoals: Sequence[Subgoal]) -> list[Statement]:
         """The constraints that refer to nothing beyond these subgoals."""
-        said = {Step(each.agent, each.verb, each.object) for each in subgoals}
-        met = {(each.agent, each.object, each.point) for each in subgoals if VERBS[each.verb].is_contact}
-        return [each for each in self.constraints if _fits(each, said, met)]
+        steps = {Step(subgoal.agent, subgoal.verb, subgoal.object) for subgoal in subgoals}
+        contacting = [subgoal for subgoal in subgoals if VERBS[subgoal.verb].is_contact]
+        contacts = {(subgoal.agent, subgoal.object, subgoal.point) for subgoal in contacting}
+        return [constraint for constraint in self.constraints if _fits(constraint, steps, contacts)]
 
 
-def legal(task: Task, scene: Scene) -> Legal:
+def legal_answers(task: Task, scene: Scene) -> LegalAnswers:
     """The legal subgoals and constraints of a scene of a task."""
     subgoals = {agent: list(_subgoals(agent, task, scene)) for agent in task.agents}
-    every = [each for agent in task.agents for each in subgoals[agent]]
-    constraints = [*_logical(every), *_in_time(every, task.agents), *keep_clear(task.agents)]
-    return Legal(subgoals, [*constraints, *map(AvoidAgents, combinations(task.agents, 2))])
+    all_subgoals = [subgoal for agent in task.agents for subgoal in subgoals[agent]]
+    constraints = [*_logical(all_subgoals), *_temporal(all_subgoals, task.agents), *keep_clear(task.agents)]
+    return LegalAnswers(subgoals, [*constraints, *map(AvoidAgents, combinations(task.agents, 2))])
 
 
 def _subgoals(agent: int, task: Task, scene: Scene) -> Iterator[Subgoal]:
     """Subgoals with every verb: for objects at their points, or for objects that an arm can hold."""
     points = task.vocabulary.points
-    met = [(name, point, kind) for name, known in points.items() for point, kind in known.items()]
-    held = [(name, None) for name, known in points.items() if "grasp" in known.values()]
+    object_points = [(name, point, kind) for name, kinds in points.items() for point, kind in kinds.items()]
+    graspable = [(name, None) for name, kinds in points.items() if "grasp" in kinds.values()]
     places = [(name, None) for name in task.places(scene)]
-    places += [(name, point) for name, point, kind in met if kind in PUTTING]
+    places += [(name, point) for name, point, kind in object_points if kind in PLACING_KINDS]
     for verb in VERBS.values():
-        things = held if "object" in verb.needs else [(None, None)]
+        objects = graspable if "object" in verb.needs else [(None, None)]
         if "point" in verb.needs:
-            things = sorted((name, point) for name, point, kind in met if kind == verb.meets)
+            objects = sorted((name, point) for name, point, kind in object_points if kind == verb.meets)
         targets = places if "target" in verb.needs else [(None, None)]
         heights = HEIGHTS_M if "height_m" in verb.needs else [None]
-        for (name, point), (target, at), height_m in product(things, targets, heights):
+        for (name, point), (target, target_point), height_m in product(objects, targets, heights):
             if target is None or target != name:
-                yield Subgoal(agent, verb.name, name, point, target, at, height_m)
+                yield Subgoal(agent, verb.name, name, point, target, target_point, height_m)
 
 
 def _logical(subgoals: Sequence[Subgoal]) -> Iterator[Statement]:
-    contacts = [each for each in subgoals if VERBS[each.verb].is_contact]
+    contacts = [subgoal for subgoal in subgoals if VERBS[subgoal.verb].is_contact]
     yield from (ContactAt(each.agent, each.verb, each.object or "", each.point or "") for each in contacts)
-    yield from dict.fromkeys(Direction(each.agent, each.object or "") for each in contacts)
-    for pair in combinations(dict.fromkeys(each.agent for each in subgoals), 2):
+    yield from dict.fromkeys(Direction(subgoal.agent, subgoal.object or "") for subgoal in contacts)
+    for pair in combinations(dict.fromkeys(subgoal.agent for subgoal in subgoals), 2):
         yield SameHeight(pair)
 
 
-def _in_time(subgoals: Sequence[Subgoal], agents: Sequence[int]) -> Iterator[Statement]:
+def _temporal(subgoals: Sequence[Subgoal], agents: Sequence[int]) -> Iterator[Statement]:
     steps = list(dict.fromkeys(Step(each.agent, each.verb, each.object) for each in subgoals if each.object))
     for pair in combinations(agents, 2):
-        shared = (each for each in steps if each.agent == pair[0] and each.verb in TOGETHER)
-        yield from (Together(pair, each.verb, each.object, 2.0) for each in shared)
+        joint_steps = (step for step in steps if step.agent == pair[0] and step.verb in JOINT_VERBS)
+        yield from (Together(pair, step.verb, step.object, 2.0) for step in joint_steps)
         yield ShareSpace(pair)
     for first, then in permutations(steps, 2):
-        if first.agent != then.agent and first.verb in OVER and then.verb in (*TOGETHER, *OVER):
+        ordered = first.verb in ORDERED_VERBS and then.verb in (*JOINT_VERBS, *ORDERED_VERBS)
+        if first.agent != then.agent and ordered:
             yield Before(first, then)
 
 
-def _fits(stated: Statement, said: set[Step], met: set[tuple[int, str | None, str | None]]) -> bool:
-    match stated:
+def _fits(statement: Statement, steps: set[Step], contacts: set[tuple[int, str | None, str | None]]) -> bool:
+    match statement:
         case ContactAt():
-            return (stated.agent, stated.object, stated.point) in met
+            return (statement.agent, statement.object, statement.point) in contacts
         case Direction():
-            return any((stated.agent, stated.object) == each[:2] for each in met)
+            return any((statement.agent, statement.object) == contact[:2] for contact in contacts)
         case Together():
-            return {Step(agent, stated.verb, stated.object) for agent in stated.who} <= said
+            return {Step(agent, statement.verb, statement.object) for agent in statement.who} <= steps
         case Before():
-            return {stated.first, stated.then} <= said
+            return {statement.first, statement.then} <= steps
         case SameHeight():
-            lifted = {each.agent: each.object for each in said if each.verb == "lift"}
-            return {*stated.who} <= lifted.keys() and len({lifted[agent] for agent in stated.who}) == 1
-    return {*stated.agents} <= {each.agent for each in said}
+            lifted = {step.agent: step.object for step in steps if step.verb == "lift"}
+            return {*statement.who} <= lifted.keys() and len({lifted[agent] for agent in statement.who}) == 1
+    return {*statement.agents} <= {step.agent for step in steps}

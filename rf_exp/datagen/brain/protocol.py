@@ -29,13 +29,13 @@ from pydantic import (
     model_validator,
 )
 
-from rf_exp.datagen.brain.legal import Legal
+from rf_exp.datagen.brain.legal import LegalAnswers
 from rf_exp.errors import StageError
-from rf_exp.findings import Finding, Misread, Violation
-from rf_exp.statements import Proposal, agent_name, read_subgoal, understood
+from rf_exp.findings import Finding, ParseError, Violation
+from rf_exp.statements import Proposal, agent_name, read_or_unparsed, read_subgoal
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
-from rf_exp.types import ANYBODY, ConstraintSet, Kind, Scene, Subgoal
+from rf_exp.types import ANY_AGENT, ConstraintSet, Kind, Scene, Subgoal
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _COMMENTS = (  # keys under which a model may explain its answer
@@ -43,15 +43,16 @@ _COMMENTS = (  # keys under which a model may explain its answer
     "comments note notes id index"
 )
 
-MOST_OF_A_KIND = 4  # constraints for each agent, where a schema lists the legal ones
-LONGEST_TEXT = 200_000  # characters; an answer has a few thousand
-_DEEPEST = 4  # nested wrappers round an answer
-_MOST_FAILURES = 16  # braces without valid JSON after which the search ends
-_BEGIN = 60  # characters of a text that errors quote
-_THOUGHT = r"(?:think|thinking|thought|thoughts|reasoning|analysis|reflection)"
-_OPENS, _CLOSES = re.compile(rf"<{_THOUGHT}>", re.IGNORECASE), re.compile(rf"</{_THOUGHT}>", re.IGNORECASE)
-_OBJECT = re.compile(r'\{\s*(?:["}]|$)')
-_REFUSES = re.compile(
+MAX_CONSTRAINTS_PER_KIND = 4  # constraints for each agent, where a schema lists the legal ones
+MAX_CHARACTERS = 200_000  # an answer has a few thousand
+_MAX_WRAPPERS = 4  # nested wrappers round an answer
+_MAX_FAILURES = 16  # braces without valid JSON after which the search ends
+_QUOTED_CHARACTERS = 60  # of a text in errors
+_THINKING = r"(?:think|thinking|thought|thoughts|reasoning|analysis|reflection)"
+_OPENING_TAG = re.compile(rf"<{_THINKING}>", re.IGNORECASE)
+_CLOSING_TAG = re.compile(rf"</{_THINKING}>", re.IGNORECASE)
+_OBJECT_START = re.compile(r'\{\s*(?:["}]|$)')
+_REFUSAL = re.compile(
     r"\W*(?:i(?:['\u2019]m| am) sorry|sorry|as an ai|"
     r"i (?:can(?:not|['\u2019]t)|am unable|won['\u2019]t|refuse))\b",
     re.IGNORECASE,
@@ -61,8 +62,8 @@ _REFUSES = re.compile(
 class BadAnswer(StageError):
     """Raised for a missing answer, and for one that is not the paper's JSON or names what does not exist."""
 
-    def __init__(self, told: object, finding: Finding = Finding.REFUSED) -> None:
-        super().__init__(told)
+    def __init__(self, message: object, finding: Finding = Finding.REFUSED) -> None:
+        super().__init__(message)
         self.finding = finding
 
 
@@ -121,142 +122,142 @@ class BrainSpec(Protocol):
         return self
 
 
-def plain(key: str) -> str:
+def normalised_key(key: str) -> str:
     """A key, normalised: `Sub-goals` and `subgoals` are equal."""
     return re.sub(r"[\W_]", "", key.casefold())
 
 
 def read_object(text: str, key: str) -> dict[str, Any]:
     """The one JSON object with `key` in a text. Raises BadAnswer that says what was found instead."""
-    if len(text) > LONGEST_TEXT:
-        told = f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}"
-        raise BadAnswer(told, Finding.OTHER_FORM)
-    thought, said = _parted(text)
+    if len(text) > MAX_CHARACTERS:
+        message = f"the answer has {len(text)} characters; an answer has up to {MAX_CHARACTERS}"
+        raise BadAnswer(message, Finding.OTHER_FORM)
+    thinking, reply = _split_thinking(text)
     answers: list[dict[str, Any]] = []
-    why = "it is empty"
-    for part in (said, thought):
-        objects, broken = _objects(part)
-        answers = [answer for value in objects for answer in _holding(value, plain(key))]
-        if answers or broken:
-            why = broken
+    reason = "it is empty"
+    for part in (reply, thinking):
+        objects, error = _objects(part)
+        answers = [answer for value in objects for answer in _objects_with_key(value, normalised_key(key))]
+        if answers or error:
+            reason = error
         elif objects:
             keys = ", ".join(printable(repr(name), 40) for name in list(objects[-1])[:5]) or "nothing"
-            why = f"its JSON lacks {key!r}; it holds {keys}"
+            reason = f"its JSON lacks {key!r}; it holds {keys}"
         elif part.strip():
-            why = _without_json(part) if part is said else "it is thinking only, which no JSON follows"
+            reason = _no_json_reason(part) if part is reply else "it is thinking only, which no JSON follows"
         else:
             continue
         break
     if any(answer != answers[0] for answer in answers):
-        told = f"the answer holds {len(answers)} different objects with {key!r}; send one"
-        raise BadAnswer(told, Finding.OTHER_FORM)
+        message = f"the answer holds {len(answers)} different objects with {key!r}; send one"
+        raise BadAnswer(message, Finding.OTHER_FORM)
     if not answers:
-        raise BadAnswer(f"the answer is not the expected JSON: {why}", Finding.NO_JSON)
-    if why:  # an answer beside a broken object is ambiguous
-        told = f"the answer is not the expected JSON: beside a whole object, {why}"
-        raise BadAnswer(told, Finding.OTHER_FORM)
+        raise BadAnswer(f"the answer is not the expected JSON: {reason}", Finding.NO_JSON)
+    if reason:  # an answer beside a broken object is ambiguous
+        message = f"the answer is not the expected JSON: beside a whole object, {reason}"
+        raise BadAnswer(message, Finding.OTHER_FORM)
     return answers[0]
 
 
-def _parted(text: str) -> tuple[str, str]:
+def _split_thinking(text: str) -> tuple[str, str]:
     """(thinking, answer). Chat templates may leave out the first tag, or cut off before the last."""
-    closed = [match.end() for match in _CLOSES.finditer(text)]
-    if closed:
-        return text[: closed[-1]], text[closed[-1] :]
-    opened = _OPENS.search(text)
-    return (text[opened.start() :], text[: opened.start()]) if opened else ("", text)
+    ends = [match.end() for match in _CLOSING_TAG.finditer(text)]
+    if ends:
+        return text[: ends[-1]], text[ends[-1] :]
+    opening = _OPENING_TAG.search(text)
+    return (text[opening.start() :], text[: opening.start()]) if opening else ("", text)
 
 
 def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
     """The outermost JSON objects in a text, and the error of one that is broken; empty for none."""
-    found: list[dict[str, Any]] = []
-    broken, at, failures = "", 0, 0
-    while failures < _MOST_FAILURES and (match := _OBJECT.search(text, at)):
+    objects: list[dict[str, Any]] = []
+    first_error, position, failures = "", 0, 0
+    while failures < _MAX_FAILURES and (match := _OBJECT_START.search(text, position)):
         try:
-            value, at = _DECODER.raw_decode(text, match.start())
-            found.append(value)
+            value, position = _DECODER.raw_decode(text, match.start())
+            objects.append(value)
         except json.JSONDecodeError as error:
             # An object within a broken one is a part of it, and no answer.
             cut_off = error.msg.startswith("Unterminated string") or not text[error.pos :].strip(" \t\r\n`")
             failures += 1
-            broken = broken or ("it is cut off" if cut_off else f"{error.msg}, line {error.lineno}")
-            at = len(text) if cut_off else max(error.pos, match.end())
+            first_error = first_error or ("it is cut off" if cut_off else f"{error.msg}, line {error.lineno}")
+            position = len(text) if cut_off else max(error.pos, match.end())
         except RecursionError:
-            return found, "it is nested too deeply"
+            return objects, "it is nested too deeply"
         except ValueError as error:
-            return found, str(error)
-    return found, broken
+            return objects, str(error)
+    return objects, first_error
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """The object of key-value pairs. Raises ValueError for a duplicate key: all but its last were lost."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    result = dict(pairs)
+    if len(result) < len(pairs):
         names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the key {printable(repr(twice), 40)} is there twice")
-    return found
+        duplicate = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {printable(repr(duplicate), 40)} is there twice")
+    return result
 
 
-def _no_number(name: str) -> None:
+def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is no number")
 
 
-_DECODER = json.JSONDecoder(object_pairs_hook=_once, parse_constant=_no_number, strict=False)
+_DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys, parse_constant=_refuse_constant, strict=False)
 
 
-def _holding(value: object, key: str, depth: int = 0) -> Iterator[dict[str, Any]]:
+def _objects_with_key(value: object, key: str, depth: int = 0) -> Iterator[dict[str, Any]]:
     """The objects with the key: this one, or those that it wraps, as a tool call does."""
-    if isinstance(value, dict) and any(plain(name) == key for name in value):
+    if isinstance(value, dict) and any(normalised_key(name) == key for name in value):
         yield value
-    elif depth < _DEEPEST:
+    elif depth < _MAX_WRAPPERS:
         inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-        for each in inner:
-            if isinstance(each, str) and isinstance(value, dict) and value.get("arguments") is each:
-                for within in _objects(each)[0]:
-                    yield from _holding(within, key, depth + 1)
+        for item in inner:
+            if isinstance(item, str) and isinstance(value, dict) and value.get("arguments") is item:
+                for nested in _objects(item)[0]:
+                    yield from _objects_with_key(nested, key, depth + 1)
             else:
-                yield from _holding(each, key, depth + 1)
+                yield from _objects_with_key(item, key, depth + 1)
 
 
-def _without_json(text: str) -> str:
-    if _REFUSES.match(text):
+def _no_json_reason(text: str) -> str:
+    if _REFUSAL.match(text):
         raise BadAnswer(f"the model refuses: {printable(text)}", Finding.DECLINED)
-    return f"there is no JSON in it, only text that begins {printable(text, _BEGIN)!r}"
+    return f"there is no JSON in it, only text that begins {printable(text, _QUOTED_CHARACTERS)!r}"
 
 
 class _Part(BaseModel):
     """Part of an answer, with keys in any case. Other keys are ignored if they explain, refused otherwise."""
 
     model_config = ConfigDict(extra="forbid")
-    also: ClassVar[dict[str, str]] = {}  # alternative key -> key
+    aliases: ClassVar[dict[str, str]] = {}  # alternative key -> key
 
     @model_validator(mode="before")
     @classmethod
-    def _its_keys(cls, value: object) -> object:
+    def _normalise_keys(cls, value: object) -> object:
         if not isinstance(value, dict):
             return value
         known = [str(field.alias) for field in cls.model_fields.values()]
-        names = {**{plain(alias): alias for alias in known}, **cls.also}
-        found: dict[str, object] = {}
+        names = {**{normalised_key(alias): alias for alias in known}, **cls.aliases}
+        result: dict[str, object] = {}
         for key, part in value.items():
-            name = names.get(plain(str(key)))
-            if name in found:
+            name = names.get(normalised_key(str(key)))
+            if name in result:
                 raise ValueError(f"{name} is there twice")
             if name is not None:
-                found[name] = part
-            elif not cls._says_nothing(str(key), part):
-                told = f"the key {printable(repr(key), 40)} is not understood"
-                raise ValueError(f"{told}; known: {', '.join(known)}")
-        return found
+                result[name] = part
+            elif not cls._is_ignorable(str(key), part):
+                message = f"the key {printable(repr(key), 40)} is not understood"
+                raise ValueError(f"{message}; known: {', '.join(known)}")
+        return result
 
     @classmethod
-    def _says_nothing(cls, key: str, part: object) -> bool:
-        return plain(key) in _COMMENTS.split()
+    def _is_ignorable(cls, key: str, part: object) -> bool:
+        return normalised_key(key) in _COMMENTS.split()
 
 
 class _Constraint(_Part):
-    also: ClassVar[dict[str, str]] = {"agent": "Agents"}
+    aliases: ClassVar[dict[str, str]] = {"agent": "Agents"}
 
     agents: list[str] = Field(default_factory=list, alias="Agents", max_length=16, fail_fast=True)
     text: str = Field(alias="Constraint", max_length=500)
@@ -273,48 +274,51 @@ class _Constraints(_Part):
     spatial: list[_Constraint] = Field(default_factory=list, alias="Spatial", max_length=100)
 
 
-def _line(part: Any) -> object:
+def _joined(part: Any) -> object:
     """The line of an agent's subgoals, which a model may also give as a list, or as null for none."""
     several = isinstance(part, list) and all(isinstance(each, str) for each in part)
     return "; ".join(part) if several else part or ""
 
 
 class _Answer(_Part):
-    subgoals: dict[str, Annotated[str, BeforeValidator(_line)]] = Field(alias="Subgoals", max_length=16)
+    subgoals: dict[str, Annotated[str, BeforeValidator(_joined)]] = Field(alias="Subgoals", max_length=16)
     constraints: _Constraints = Field(default_factory=_Constraints, alias="Constraints")
 
     @classmethod
-    def _says_nothing(cls, key: str, part: object) -> bool:
+    def _is_ignorable(cls, key: str, part: object) -> bool:
         """Any text or number beside the answer is ignored too, unless its key resembles a part of it."""
         parts = ("subgoals", "constraints", *KINDS)
-        told = not isinstance(part, dict | list) and not get_close_matches(plain(key), parts, cutoff=0.7)
-        return told or plain(key) in _COMMENTS.split()
+        key = normalised_key(key)
+        is_remark = not isinstance(part, dict | list) and not get_close_matches(key, parts, cutoff=0.7)
+        return is_remark or key in _COMMENTS.split()
 
 
-def strict_answer(task: Task, known: Legal | None = None) -> type[BaseModel]:
+def strict_answer(task: Task, legal: LegalAnswers | None = None) -> type[BaseModel]:
     """Model of an answer whose JSON schema is for servers with structured output.
 
-    It lists the agents of the task and, if there are several, anybody. With the answers `known` to be legal
-    in a scene it lists, without anybody, every subgoal of every agent and every constraint, and no other can
-    be written. Every key is required, as strict structured output demands.
+    It lists the agents of the task and, if there are several, anybody. With the `legal` answers in a scene it
+    lists, without anybody, every subgoal of every agent and every constraint, and no other can be written.
+    Every key is required, as strict structured output demands.
     """
-    several = len(task.agents) > 1 and known is None  # otherwise no job is left open
-    names = [agent_name(agent) for agent in (*task.agents, *((ANYBODY,) if several else ()))]
+    several = len(task.agents) > 1 and legal is None  # otherwise no job is left open
+    names = [agent_name(agent) for agent in (*task.agents, *((ANY_AGENT,) if several else ()))]
     strict = ConfigDict(extra="forbid")
     agent: Any = StrEnum("Agent", {name: name for name in names})
     subgoals: dict[str, Any] = {name: (str, ...) for name in names}
-    if known is not None:
-        most = most_subgoals(task)
-        lines = {agent_name(number): [each.text for each in some] for number, some in known.subgoals.items()}
-        subgoals = {name: (_listed(Literal[tuple(texts)], most), ...) for name, texts in lines.items()}
+    if legal is not None:
+        count = max_subgoals(task)
+        lines = {agent_name(agent): [each.text for each in some] for agent, some in legal.subgoals.items()}
+        subgoals = {name: (_bounded_list(Literal[tuple(texts)], count), ...) for name, texts in lines.items()}
 
     def entries(kind: Kind) -> Any:
-        said: Any = str
-        if known is not None:
-            said = Literal[tuple(each.sentence for each in known.constraints if each.kind == kind) or ("",)]
-        fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (said, ...)}
+        sentence: Any = str
+        if legal is not None:
+            sentences = [each.sentence for each in legal.constraints if each.kind == kind]
+            sentence = Literal[tuple(sentences) or ("",)]
+        fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (sentence, ...)}
         entry: Any = create_model(f"{kind.capitalize()}Entry", __config__=strict, **fields)
-        return list[entry] if known is None else _listed(entry, MOST_OF_A_KIND * len(task.agents))
+        count = MAX_CONSTRAINTS_PER_KIND * len(task.agents)
+        return list[entry] if legal is None else _bounded_list(entry, count)
 
     kinds: dict[str, Any] = {kind.capitalize(): (entries(kind), ...) for kind in KINDS}
     return create_model(
@@ -325,9 +329,9 @@ def strict_answer(task: Task, known: Legal | None = None) -> type[BaseModel]:
     )
 
 
-def _listed(each: Any, most: int) -> Any:
-    """A list of up to `most` items."""
-    return Annotated[list[each], Field(max_length=most)]
+def _bounded_list(item: Any, max_length: int) -> Any:
+    """A list of up to `max_length` items."""
+    return Annotated[list[item], Field(max_length=max_length)]
 
 
 def to_json(proposal: Proposal) -> str:
@@ -337,10 +341,10 @@ def to_json(proposal: Proposal) -> str:
         key = agent_name(subgoal.agent)
         subgoals[key] = f"{subgoals[key]}; {subgoal.text}" if key in subgoals else subgoal.text
     constraints: dict[str, list[object]] = {kind.capitalize(): [] for kind in KINDS}
-    for stated in proposal.constraints:
-        names = [agent_name(agent) for agent in stated.agents]
-        who = {"Agent": names[0]} if len(names) == 1 else {"Agents": names}
-        constraints[stated.kind.capitalize()].append({**who, "Constraint": stated.sentence})
+    for constraint in proposal.constraints:
+        names = [agent_name(agent) for agent in constraint.agents]
+        listed_agents = {"Agent": names[0]} if len(names) == 1 else {"Agents": names}
+        constraints[constraint.kind.capitalize()].append({**listed_agents, "Constraint": constraint.sentence})
     return json.dumps({"Subgoals": subgoals, "Constraints": constraints}, indent=2)
 
 
@@ -356,35 +360,35 @@ def from_json(text: str, task: Task) -> Proposal:
             f"{printable('.'.join(map(str, e['loc'])), 60) or 'answer'}: {e['msg']}"
             for e in error.errors()[:5]
         )
-        told = f"the answer is not the expected JSON: {details}"
-        raise BadAnswer(told, Finding.OTHER_FORM) from error
+        message = f"the answer is not the expected JSON: {details}"
+        raise BadAnswer(message, Finding.OTHER_FORM) from error
     lines: dict[int, str] = {}
     for name, line in answer.subgoals.items():
         if lines.setdefault(agent_number(name, task), line) is not line:
-            told = f"the subgoals of Agent_{agent_number(name, task)} are there twice"
-            raise BadAnswer(told, Finding.OTHER_FORM)
+            message = f"the subgoals of Agent_{agent_number(name, task)} are there twice"
+            raise BadAnswer(message, Finding.OTHER_FORM)
     subgoals = tuple(subgoal for agent, line in lines.items() for subgoal in _subgoals(agent, line, task))
     constraints = []
     for kind in KINDS:
         for entry in getattr(answer.constraints, kind):
             agents = tuple(agent_number(name, task) for name in entry.agents)
-            constraints.append(understood(entry.text, task.vocabulary, kind, agents))
+            constraints.append(read_or_unparsed(entry.text, task.vocabulary, kind, agents))
     return Proposal(subgoals, tuple(constraints))
 
 
 def agent_number(name: str, task: Task) -> int:
     """`Agent_2` -> 2, `Anybody` -> 0. Raises BadAnswer for an agent that is not in the task."""
-    if plain(name) == plain(agent_name(ANYBODY)):
-        return ANYBODY
+    if normalised_key(name) == normalised_key(agent_name(ANY_AGENT)):
+        return ANY_AGENT
     match = re.fullmatch(r"agent[_ ]?(\d{1,2})", name.strip(), re.IGNORECASE)
     if match is None or int(match[1]) not in task.agents:
         known = ", ".join(map(agent_name, task.agents))
-        told = f"unknown agent {printable(repr(name), 80)}; available: {known}"
-        raise BadAnswer(told, Finding.UNKNOWN_AGENT)
+        message = f"unknown agent {printable(repr(name), 80)}; available: {known}"
+        raise BadAnswer(message, Finding.UNKNOWN_AGENT)
     return int(match[1])
 
 
-def most_subgoals(task: Task) -> int:
+def max_subgoals(task: Task) -> int:
     """Bound on an agent's subgoals in one answer: grasp each object, move it twice, release it, and yield."""
     return 4 * len(task.objects) + 2
 
@@ -392,16 +396,16 @@ def most_subgoals(task: Task) -> int:
 def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
     """The subgoals in an agent's line. Raises BadAnswer for too many, unreadable or repeated ones."""
     parts = [part for part in line.split(";") if part.strip()]
-    if len(parts) > (most := most_subgoals(task)):
-        allowed = f"in one answer for {task.name} an agent has up to {most}"
-        told = f"Agent_{agent} has {len(parts)} subgoals; {allowed}"
-        raise BadAnswer(told, Finding.TOO_MANY_SUBGOALS)
+    if len(parts) > (max_count := max_subgoals(task)):
+        limit = f"in one answer for {task.name} an agent has up to {max_count}"
+        message = f"Agent_{agent} has {len(parts)} subgoals; {limit}"
+        raise BadAnswer(message, Finding.TOO_MANY_SUBGOALS)
     try:
-        found = [read_subgoal(agent, part, task.vocabulary) for part in parts]
-    except Misread as error:
+        subgoals = [read_subgoal(agent, part, task.vocabulary) for part in parts]
+    except ParseError as error:
         raise BadAnswer(str(error), error.finding) from error
-    for each, following in pairwise(found):
-        if each == following:
-            told = f"Agent_{agent} has the subgoal {each.text!r} twice in a row"
-            raise BadAnswer(told, Finding.UNREAD_SUBGOAL)
-    return found
+    for subgoal, following in pairwise(subgoals):
+        if subgoal == following:
+            message = f"Agent_{agent} has the subgoal {subgoal.text!r} twice in a row"
+            raise BadAnswer(message, Finding.UNREAD_SUBGOAL)
+    return subgoals

@@ -18,30 +18,30 @@ import httpx2
 import openai
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from rf_exp.datagen.brain.chat import Connection, Message, Usage
 from rf_exp.datagen.brain.protocol import BadAnswer
-from rf_exp.datagen.brain.talk import Connection, Message, Usage
 from rf_exp.findings import Finding
 from rf_exp.texts import printable
 
-_REJECTED = (400, 422, 501)  # HTTP statuses of a malformed or unsupported request
-LARGEST_BODY = 2**20  # bytes, received and decompressed; an answer of 4000 tokens has about 20 000
-MOST = 100  # choices, and tool calls; otherwise a body of invalid ones gives a very long list of errors
+_REJECTED_STATUSES = (400, 422, 501)  # HTTP statuses of a malformed or unsupported request
+MAX_BODY_BYTES = 2**20  # received and decompressed; an answer of 4000 tokens has about 20 000
+MAX_ITEMS = 100  # choices, and tool calls; otherwise a body of invalid ones gives a very long list of errors
 
 
 @dataclass(frozen=True)
 class Received:
     """A received completion, usable or not."""
 
-    said: str | BadAnswer  # the model's text, or why there is none
+    content: str | BadAnswer  # the model's text, or why there is none
     finish_reason: str | None = None
     usage: Usage | None = None  # None: not reported by the server
 
     @property
     def text(self) -> str:
         """The model's text. Raises BadAnswer where there is none."""
-        if isinstance(self.said, BadAnswer):
-            raise self.said
-        return self.said
+        if isinstance(self.content, BadAnswer):
+            raise self.content
+        return self.content
 
 
 async def request(
@@ -51,13 +51,14 @@ async def request(
 
     Raises BadAnswer where no completion arrives. Text and error contain the key where the server repeats it.
     """
-    bounded = openai.DefaultAsyncHttpxClient(  # with the limits of the client, and proxies of the environment
-        follow_redirects=False, headers={"Accept-Encoding": "gzip"}, event_hooks={"response": [_bound]}
+    # With the limits of the client, and proxies of the environment.
+    http_client = openai.DefaultAsyncHttpxClient(
+        follow_redirects=False, headers={"Accept-Encoding": "gzip"}, event_hooks={"response": [_limit_body]}
     )
     options: dict[str, Any] = {}
     if connection.structured:
-        wanted = {"name": "answer", "schema": schema, "strict": True}
-        options["response_format"] = {"type": "json_schema", "json_schema": wanted}
+        json_schema = {"name": "answer", "schema": schema, "strict": True}
+        options["response_format"] = {"type": "json_schema", "json_schema": json_schema}
     if connection.temperature is not None:
         options["temperature"] = connection.temperature
     try:
@@ -68,43 +69,43 @@ async def request(
                 base_url=connection.address(),
                 timeout=connection.timeout_s,
                 max_retries=connection.retries,
-                http_client=bounded,
+                http_client=http_client,
             ) as client,
         ):
             response = await client.chat.completions.with_raw_response.create(
                 model=connection.model,
-                messages=[_wire(message) for message in messages],
+                messages=[_api_message(message) for message in messages],
                 max_completion_tokens=connection.max_tokens,
                 extra_body=connection.extra_body,
                 **options,
             )
-            return received(response.content, response.headers.get("Content-Type", "no type"))
+            return parse_completion(response.content, response.headers.get("Content-Type", "no type"))
     except TimeoutError:
-        told = f"the model did not answer within {connection.deadline_s:g} s"
-        raise BadAnswer(told, Finding.UNREACHED) from None
+        message = f"the model did not answer within {connection.deadline_s:g} s"
+        raise BadAnswer(message, Finding.UNREACHED) from None
     except openai.OpenAIError as error:
-        raise _unanswered(error, connection) from None
+        raise _failure(error, connection) from None
 
 
-def _unanswered(error: openai.OpenAIError, connection: Connection) -> BadAnswer:
+def _failure(error: openai.OpenAIError, connection: Connection) -> BadAnswer:
     """The reason for a missing answer, in the words of the client or of the server."""
-    finding, why, cause = Finding.UNREACHED, printable(error), error.__cause__ or error
+    finding, reason, cause = Finding.UNREACHED, printable(error), error.__cause__ or error
     if isinstance(error, openai.APITimeoutError):
-        asked = f"asked {connection.retries + 1} times"
-        return BadAnswer(f"the model did not answer within {connection.timeout_s:g} s, {asked}", finding)
+        attempts = f"asked {connection.retries + 1} times"
+        return BadAnswer(f"the model did not answer within {connection.timeout_s:g} s, {attempts}", finding)
     if isinstance(error, openai.RateLimitError):
-        why = f"too many requests ({why})"
+        reason = f"too many requests ({reason})"
     elif isinstance(error, openai.APIStatusError):
-        finding = Finding.REJECTED if error.status_code in _REJECTED else finding
-        why = f"the server answered {error.status_code} ({why})"
+        finding = Finding.REJECTED if error.status_code in _REJECTED_STATUSES else finding
+        reason = f"the server answered {error.status_code} ({reason})"
     elif isinstance(error, openai.APIConnectionError):
         if isinstance(cause, BadAnswer):
             return cause
-        why = f"{type(cause).__name__} ({printable(cause)})"
-    return BadAnswer(f"the model was not reached: {why}", finding)
+        reason = f"{type(cause).__name__} ({printable(cause)})"
+    return BadAnswer(f"the model was not reached: {reason}", finding)
 
 
-def _wire(message: Message) -> Any:
+def _api_message(message: Message) -> Any:
     """The message in the format of the API, pictures as data URIs."""
     parts: list[dict[str, object]] = [{"type": "text", "text": message.text}]
     for camera, jpeg in message.pictures.items():
@@ -116,7 +117,7 @@ def _wire(message: Message) -> Any:
     return {"role": message.role, "content": parts if message.pictures else message.text}
 
 
-async def _bound(response: httpx2.Response) -> None:
+async def _limit_body(response: httpx2.Response) -> None:
     """Response hook that refuses redirects, and limits the body, also of an error, before it is read."""
     if response.has_redirect_location:
         raise BadAnswer(
@@ -125,16 +126,16 @@ async def _bound(response: httpx2.Response) -> None:
             "no other place; if that is the right one, give it as brain.base_url",
             Finding.UNREACHED,
         )
-    packed = response.headers.pop("Content-Encoding", "identity").strip().lower()
-    if packed not in ("gzip", "identity"):
-        told = f"the answer is packed as {printable(packed, 60)!r}; asked for was gzip or nothing"
-        raise BadAnswer(told, Finding.NO_ANSWER)
+    encoding = response.headers.pop("Content-Encoding", "identity").strip().lower()
+    if encoding not in ("gzip", "identity"):
+        message = f"the answer is packed as {printable(encoding, 60)!r}; asked for was gzip or nothing"
+        raise BadAnswer(message, Finding.NO_ANSWER)
     assert isinstance(response.stream, httpx2.AsyncByteStream)
-    response.stream = _Bounded(response.stream, packed == "gzip")
+    response.stream = _LimitedStream(response.stream, encoding == "gzip")
     response.encoding = "utf-8"  # whatever the server says: some of Python's codecs decompress, too
 
 
-class _Bounded(httpx2.AsyncByteStream):
+class _LimitedStream(httpx2.AsyncByteStream):
     """The decompressed bytes of a body. Raises BadAnswer once there are more than LARGEST_BODY."""
 
     def __init__(self, stream: httpx2.AsyncByteStream, gzip: bool) -> None:
@@ -142,19 +143,19 @@ class _Bounded(httpx2.AsyncByteStream):
 
     async def __aiter__(self) -> AsyncIterator[bytes]:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS) if self._gzip else None
-        received = unpacked = 0
+        received = decompressed = 0
         async for chunk in self._stream:
             received += len(chunk)
             if inflate is not None:
                 try:
-                    chunk = inflate.decompress(chunk, LARGEST_BODY - unpacked + 1)
+                    chunk = inflate.decompress(chunk, MAX_BODY_BYTES - decompressed + 1)
                 except zlib.error as error:
-                    told = f"the answer cannot be unpacked: {error}"
-                    raise BadAnswer(told, Finding.NO_ANSWER) from None
-            unpacked += len(chunk)
-            if max(received, unpacked) > LARGEST_BODY:
-                told = f"the answer is longer than {LARGEST_BODY} bytes; the rest was not read"
-                raise BadAnswer(told, Finding.CUT_OFF)
+                    message = f"the answer cannot be unpacked: {error}"
+                    raise BadAnswer(message, Finding.NO_ANSWER) from None
+            decompressed += len(chunk)
+            if max(received, decompressed) > MAX_BODY_BYTES:
+                message = f"the answer is longer than {MAX_BODY_BYTES} bytes; the rest was not read"
+                raise BadAnswer(message, Finding.CUT_OFF)
             yield chunk
         if inflate is not None and received and not inflate.eof:
             raise BadAnswer("the answer cannot be unpacked: it is cut off", Finding.CUT_OFF)
@@ -176,7 +177,7 @@ class _Message(BaseModel):
     refusal: str | None = None
     reasoning: Any = None
     reasoning_content: Any = None
-    tool_calls: list[_Call] | None = Field(None, max_length=MOST, fail_fast=True)
+    tool_calls: list[_Call] | None = Field(None, max_length=MAX_ITEMS, fail_fast=True)
     function_call: _Function | None = None
 
 
@@ -188,19 +189,19 @@ class _Choice(BaseModel):
 class _Completion(BaseModel):
     """The fields of a chat completion that are read; servers differ in the others."""
 
-    choices: list[_Choice] = Field(min_length=1, max_length=MOST, fail_fast=True)
+    choices: list[_Choice] = Field(min_length=1, max_length=MAX_ITEMS, fail_fast=True)
     usage: Any = None
 
 
-def received(body: bytes, kind: str) -> Received:
+def parse_completion(body: bytes, content_type: str) -> Received:
     """Parses a chat completion of that content type. Raises BadAnswer for any other body."""
     try:
         completion = _Completion.model_validate_json(body)
     except ValidationError as error:
-        told = f"the server's answer is not a chat completion: {error.errors()[0]['msg']}"
-        begins = printable(body[:60].decode("utf-8", "replace"))
-        told = f"{told}; it is {printable(kind, 60)} and begins {begins!r}"
-        raise BadAnswer(told, Finding.NO_ANSWER) from None
+        message = f"the server's answer is not a chat completion: {error.errors()[0]['msg']}"
+        beginning = printable(body[:60].decode("utf-8", "replace"))
+        message = f"{message}; it is {printable(content_type, 60)} and begins {beginning!r}"
+        raise BadAnswer(message, Finding.NO_ANSWER) from None
     choice = completion.choices[0]
     try:
         usage = TypeAdapter(Usage).validate_python(completion.usage)
@@ -216,41 +217,41 @@ def _content(choice: _Choice) -> str | BadAnswer:
     """
     message = choice.message
     parts = message.content if isinstance(message.content, list) else [message.content]
-    said = [each.get("refusal") for each in parts if isinstance(each, dict)]
-    if refusal := message.refusal or next((each for each in said if each), None):
+    refusals = [part.get("refusal") for part in parts if isinstance(part, dict)]
+    if refusal := message.refusal or next(filter(None, refusals), None):
         return BadAnswer(f"the model refuses: {printable(refusal)}", Finding.DECLINED)
     if choice.finish_reason == "length":
-        told = "the answer is cut off: it reached brain.max_tokens before its end"
-        return BadAnswer(told, Finding.CUT_OFF)
+        reason = "the answer is cut off: it reached brain.max_tokens before its end"
+        return BadAnswer(reason, Finding.CUT_OFF)
     if choice.finish_reason == "content_filter":
         return BadAnswer("the answer is withheld by the server's content filter", Finding.DECLINED)
-    called = [call.function for call in message.tool_calls or ()] + [message.function_call]
-    found = [each.arguments for each in called if each is not None]
-    texts = [each if isinstance(each, str) else json.dumps(each) for each in found if each]
-    texts = texts or [text for each in parts if (text := _text(each))]
+    functions = [call.function for call in message.tool_calls or ()] + [message.function_call]
+    arguments = [function.arguments for function in functions if function is not None]
+    texts = [each if isinstance(each, str) else json.dumps(each) for each in arguments if each]
+    texts = texts or [text for part in parts if (text := _text(part))]
     if "".join(texts).strip():
         return "\n".join(texts)
-    if found:
+    if arguments:
         return BadAnswer("the answer is a tool call without arguments", Finding.NO_ANSWER)
-    thought = "\n".join(dict.fromkeys(_thoughts(message, parts)))
-    if "{" in thought:
-        return f"<think>{thought}"
-    if thought.strip() or message.reasoning or message.reasoning_content:
+    thinking = "\n".join(dict.fromkeys(_thoughts(message, parts)))
+    if "{" in thinking:
+        return f"<think>{thinking}"
+    if thinking.strip() or message.reasoning or message.reasoning_content:
         return BadAnswer("the answer is thinking only: it has no text", Finding.NO_ANSWER)
-    others = sorted({printable(str(each.get("type")), 40) for each in parts if isinstance(each, dict)})
-    told = f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}"
-    return BadAnswer(told, Finding.NO_ANSWER)
+    others = sorted({printable(str(part.get("type")), 40) for part in parts if isinstance(part, dict)})
+    reason = f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}"
+    return BadAnswer(reason, Finding.NO_ANSWER)
 
 
 def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:
     """The texts in the fields where servers put a model's thinking."""
-    places = [message.reasoning_content, message.reasoning]
-    places += [
+    fields = [message.reasoning_content, message.reasoning]
+    fields += [
         part.get("text") or part.get(kind)
         for part in parts
         if isinstance(part, dict) and (kind := part.get("type")) in ("reasoning", "thinking")
     ]
-    return (each for each in places if isinstance(each, str))
+    return (field for field in fields if isinstance(field, str))
 
 
 def _text(part: object) -> str:

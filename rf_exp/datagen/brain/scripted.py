@@ -11,17 +11,17 @@ from typing import ClassVar
 import numpy as np
 
 from rf_exp.datagen.brain.faults import FAULTS, fault_named
-from rf_exp.datagen.brain.legal import Legal, legal
+from rf_exp.datagen.brain.legal import LegalAnswers, legal_answers
 from rf_exp.datagen.brain.protocol import BrainSpec, Question, to_json
-from rf_exp.datagen.yielding import yielding_proposal, yields_after
+from rf_exp.datagen.yielding import yielding_agents, yielding_proposal
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import VERBS, Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import DISTURBANCES, PROPOSALS, ConstraintSet, Scene, Subgoal
 
-_SCENES = range(4)  # seeds of the scenes tried for whether a fault applies
-LONGEST = 3  # subgoals of an agent in one random answer
-MOST = 4  # constraints in one random answer
+_TRIED_SEEDS = range(4)  # seeds of the scenes tried for whether a fault applies
+MAX_SUBGOALS = 3  # subgoals of an agent in one random answer
+MAX_CONSTRAINTS = 4  # constraints in one random answer
 
 
 class ScriptedBrain:
@@ -32,7 +32,7 @@ class ScriptedBrain:
     def answer(self, question: Question) -> str:
         proposal = question.task.module.plan(question.scene, question.task)
         for violation in question.feedback:
-            if agents := yields_after(violation, proposal, question.task, question.scene):
+            if agents := yielding_agents(violation, proposal, question.task, question.scene):
                 return to_json(yielding_proposal(agents, question.task))
         return to_json(proposal)
 
@@ -47,7 +47,7 @@ class ScriptedSpec(BrainSpec):
         return ScriptedBrain()
 
 
-def applies(fault: str, task: Task, scene: Scene) -> bool:
+def fault_applies(fault: str, task: Task, scene: Scene) -> bool:
     """Whether the scripted plan for the scene admits the fault."""
     question = Question(task, scene, {})
     proposal = task.module.plan(scene, task)
@@ -56,15 +56,16 @@ def applies(fault: str, task: Task, scene: Scene) -> bool:
 
 def faults_for(task: Task) -> tuple[str, ...]:
     """The faults that a first or second proposal of the scripted plan admits, in some scene."""
-    found: set[str] = set()
-    for seed in _SCENES:
-        begin = task.start(seed).scene
-        for scene in (begin, _grasped(task, begin)):
-            found |= {fault for fault in FAULTS if fault not in found and applies(fault, task, scene)}
-    return tuple(fault for fault in FAULTS if fault in found)
+    applicable: set[str] = set()
+    for seed in _TRIED_SEEDS:
+        start = task.start(seed).scene
+        for scene in (start, _with_grasps(task, start)):
+            remaining = [fault for fault in FAULTS if fault not in applicable]
+            applicable |= {fault for fault in remaining if fault_applies(fault, task, scene)}
+    return tuple(fault for fault in FAULTS if fault in applicable)
 
 
-def _grasped(task: Task, scene: Scene) -> Scene:
+def _with_grasps(task: Task, scene: Scene) -> Scene:
     """The scene with every agent holding what it last grasps and does not put down in the scripted plan."""
     held: dict[int, str | None] = {}
     for subgoal in task.module.plan(scene, task).subgoals:
@@ -73,23 +74,23 @@ def _grasped(task: Task, scene: Scene) -> Scene:
 
 
 class FaultyBrain:
-    """Scripted brain with one fault. `placed` tells whether the fault has been made in this episode."""
+    """Scripted brain with one fault. `inserted` tells whether the fault has been made in this episode."""
 
     name = "faulty"
 
     def __init__(self, fault: str, seed: int) -> None:
         self.fault = fault_named(fault)
         self._rng = np.random.default_rng([seed, DISTURBANCES])
-        self.placed = self._corrected = False
+        self.inserted = self._corrected = False
 
     def answer(self, question: Question) -> str:
-        if not self.placed and not question.feedback:
+        if not self.inserted and not question.feedback:
             proposal = question.task.module.plan(question.scene, question.task)
-            changed = self.fault.change(proposal, question, self._rng)
-            if changed is not None:
-                self.placed = True
-                return to_json(changed)
-        if self.placed and not self._corrected:
+            faulty = self.fault.change(proposal, question, self._rng)
+            if faulty is not None:
+                self.inserted = True
+                return to_json(faulty)
+        if self.inserted and not self._corrected:
             # The first feedback is about the fault, and the plan without it is the answer.
             self._corrected, question = True, replace(question, feedback=())
         return ScriptedBrain().answer(question)
@@ -135,27 +136,28 @@ class RandomBrain:
         self._rng = np.random.default_rng([seed, PROPOSALS])
 
     def answer(self, question: Question) -> str:
-        known, rng = legal(question.task, question.scene), self._rng
-        held = zip(question.task.agents, question.scene.held, strict=True)
-        subgoals = [each for agent, name in held for each in self._queue(agent, name, known)]
-        fitting = known.fitting(subgoals)
-        drawn = rng.permutation(len(fitting))[: int(rng.integers(MOST + 1))]
-        return to_json(Proposal(tuple(subgoals), tuple(fitting[at] for at in sorted(drawn))))
+        legal, rng = legal_answers(question.task, question.scene), self._rng
+        grippers = zip(question.task.agents, question.scene.held, strict=True)
+        subgoals = [each for agent, name in grippers for each in self._random_subgoals(agent, name, legal)]
+        fitting = legal.fitting(subgoals)
+        choice = rng.permutation(len(fitting))[: int(rng.integers(MAX_CONSTRAINTS + 1))]
+        return to_json(Proposal(tuple(subgoals), tuple(fitting[k] for k in sorted(choice))))
 
-    def _queue(self, agent: int, held: str | None, known: Legal) -> Iterator[Subgoal]:
+    def _random_subgoals(self, agent: int, held: str | None, legal: LegalAnswers) -> Iterator[Subgoal]:
         """Up to LONGEST subgoals of an agent, each possible with what its gripper then holds."""
-        before = None
-        for _ in range(int(self._rng.integers(1, LONGEST + 1))):
-            options = [each for each in known.subgoals[agent] if each != before and _allows(held, each)]
-            before = options[int(self._rng.integers(len(options)))]
-            yield before
-            if before.verb == "grasp":
-                held = before.object
-            elif before.verb in ("place", "release"):
+        last = None
+        for _ in range(int(self._rng.integers(1, MAX_SUBGOALS + 1))):
+            others = (subgoal for subgoal in legal.subgoals[agent] if subgoal != last)
+            options = [subgoal for subgoal in others if _can_carry_out(held, subgoal)]
+            last = options[int(self._rng.integers(len(options)))]
+            yield last
+            if last.verb == "grasp":
+                held = last.object
+            elif last.verb in ("place", "release"):
                 held = None
 
 
-def _allows(held: str | None, subgoal: Subgoal) -> bool:
+def _can_carry_out(held: str | None, subgoal: Subgoal) -> bool:
     """Whether a gripper that holds an object, or nothing, can carry out the subgoal."""
     if subgoal.object is None:
         return True

@@ -7,8 +7,8 @@ import numpy as np
 from rf_exp.datagen.motion.state import Points
 from rf_exp.datagen.motion.timing import densify
 
-EDGES = 1000  # budget of tree edges for one plan, over all the ways to plan it: some seconds
-SPREAD_OVER = 600  # samples, whose spread about the straight line grows
+MAX_EDGES = 1000  # budget of tree edges for one plan, over all the ways to plan it: some seconds
+MAX_SAMPLES = 600  # samples, whose spread about the straight line grows
 _STEP_RAD = 0.25  # step of the trees, largest joint
 _CHECK_EVERY = 5  # dense points; 0.05 rad between the checked ones
 
@@ -22,8 +22,8 @@ class Search:
     The budget counts edges, not seconds, so that a plan does not depend on the speed of a machine.
     """
 
-    def __init__(self, rng: np.random.Generator, edges: int = EDGES) -> None:
-        self._rng, self._left = rng, edges
+    def __init__(self, rng: np.random.Generator, edges: int = MAX_EDGES) -> None:
+        self._rng, self._edges_left = rng, edges
 
     def path(self, start: Points, goal: Points, free: Free, limits_rad: Points) -> Points | None:
         """Via points (K, dof) from start to goal: a line, or by RRT-Connect (Kuffner and LaValle 2000)."""
@@ -33,13 +33,13 @@ class Search:
             return None
         low, high = limits_rad
         trees: list[Tree] = [([start], [-1]), ([goal], [-1])]
-        for sample in range(SPREAD_OVER):
-            if self._left <= 0:
+        for sample in range(MAX_SAMPLES):
+            if self._edges_left <= 0:
                 break
             a, b = trees[sample % 2], trees[1 - sample % 2]
             # Gaussian samples about the line find the way round a small obstacle sooner than uniform ones.
             middle = start + self._rng.uniform() * (goal - start)
-            spread_rad = 0.2 + 0.8 * sample / SPREAD_OVER
+            spread_rad = 0.2 + 0.8 * sample / MAX_SAMPLES
             target = np.clip(middle + self._rng.normal(0.0, spread_rad, len(start)), low, high)
             if self._grow(a, target, free) and (meeting := self._connect(b, a[0][-1], free)) is not None:
                 path = np.array(_trace(a, len(a[0]) - 1)[::-1] + _trace(b, meeting))
@@ -48,7 +48,7 @@ class Search:
 
     def _grow(self, tree: Tree, target: Points, free: Free) -> bool:
         """Adds one step towards `target`; returns whether it was free."""
-        self._left -= 1
+        self._edges_left -= 1
         nodes, parents = tree
         near = int(np.argmin(np.abs(np.array(nodes) - target).max(axis=1)))
         delta = target - nodes[near]

@@ -25,8 +25,8 @@ from rf_exp.transforms import inverse
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, Trajectory
 
 Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: one joint motion
-Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all subgoals of the agent
-Order = Collection[tuple[Part, Part]]  # the first ends before the second begins
+StepKey = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all subgoals of the agent
+Order = Collection[tuple[StepKey, StepKey]]  # the first ends before the second begins
 
 
 @dataclass(frozen=True)
@@ -34,23 +34,23 @@ class _Stuck:
     """Reason why the next subgoal of an agent has no motion at present."""
 
     error: Unreachable
-    by: frozenset[str] | None  # objects, one of which has to move first; None: any motion may help
-    moved: bool = False  # whether that has happened
+    blockers: frozenset[str] | None  # objects, one of which has to move first; None: any motion may help
+    has_moved: bool = False  # whether one of them has
 
 
-def in_turn(proposal: Proposal, order: Order) -> Proposal:
+def canonical_order(proposal: Proposal, order: Order) -> Proposal:
     """The proposal in a canonical order, the same for every order in which it may list its agents.
 
     First come agents that wait for no other remaining agent, of several the one with the lowest number, so
     that objects are already where later agents will meet them.
     """
-    left, listed = sorted({subgoal.agent for subgoal in proposal.subgoals}), []
-    while left:
-        waiting = {then[0] for first, then in order if first[0] in left and first[0] != then[0]}
-        agent = next((each for each in left if each not in waiting), left[0])
-        left.remove(agent)
-        listed += proposal.of(agent)
-    return replace(proposal, subgoals=tuple(listed))
+    remaining, subgoals = sorted({subgoal.agent for subgoal in proposal.subgoals}), []
+    while remaining:
+        waiting = {then[0] for first, then in order if first[0] in remaining and first[0] != then[0]}
+        agent = next((each for each in remaining if each not in waiting), remaining[0])
+        remaining.remove(agent)
+        subgoals += proposal.subgoals_of(agent)
+    return replace(proposal, subgoals=tuple(subgoals))
 
 
 class Queues:
@@ -61,7 +61,8 @@ class Queues:
 
     def __init__(self, proposal: Proposal, lockstep: Lockstep, order: Order) -> None:
         agents = dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals)
-        self.left = {agent: list(proposal.of(agent)) for agent in agents}  # agent -> remaining subgoals
+        # agent -> remaining subgoals
+        self.remaining = {agent: list(proposal.subgoals_of(agent)) for agent in agents}
         self._lockstep, self._order = lockstep, order
         self._stuck: dict[int, _Stuck] = {}
         self._last: int | None = None  # agent of the last subgoal, unless joint
@@ -71,68 +72,69 @@ class Queues:
 
         Raises Unreachable where no agent can go on, with the reason of the first that is stuck.
         """
-        fronts = {agent: queue[0] for agent, queue in self.left.items() if queue}
+        fronts = {agent: queue[0] for agent, queue in self.remaining.items() if queue}
         if not fronts:
             return ()
-        ready = [each for each in fronts.values() if each.agent not in self._stuck and not self._waits(each)]
-        if alone := [each for each in ready if not self._group(each)]:
-            return [next((each for each in alone if each.agent == self._last), alone[0])]
-        if together := self._together(ready):
+        unblocked = (subgoal for agent, subgoal in fronts.items() if agent not in self._stuck)
+        ready = [subgoal for subgoal in unblocked if not self._is_waiting(subgoal)]
+        if alone := [subgoal for subgoal in ready if not self._joint_agents(subgoal)]:
+            return [next((subgoal for subgoal in alone if subgoal.agent == self._last), alone[0])]
+        if together := self._ready_joint_subgoals(ready):
             return together
-        still = {agent: each for agent, each in self._stuck.items() if not each.moved}
-        if len(still) < len(self._stuck):
-            self._stuck = still
+        still_stuck = {agent: each for agent, each in self._stuck.items() if not each.has_moved}
+        if len(still_stuck) < len(self._stuck):
+            self._stuck = still_stuck
             return self.next()
-        for each in still.values():
+        for each in still_stuck.values():
             raise each.error
-        circle = tuple(f"{agent_name(agent)}: {front.text}" for agent, front in fronts.items())
-        raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(fronts), subgoals=circle)
+        cycle = tuple(f"{agent_name(agent)}: {front.text}" for agent, front in fronts.items())
+        raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(fronts), subgoals=cycle)
 
-    def planned(self, subgoals: Sequence[Subgoal], moved: Collection[str]) -> None:
+    def mark_planned(self, subgoals: Sequence[Subgoal], moved: Collection[str]) -> None:
         """Removes subgoals that have been planned; their motion moves the objects `moved`."""
-        for each in subgoals:
-            self.left[each.agent].pop(0)
+        for subgoal in subgoals:
+            self.remaining[subgoal.agent].pop(0)
         self._last = subgoals[0].agent if len(subgoals) == 1 else None
         for agent, each in self._stuck.items():
-            if each.by is None or each.by.intersection(moved):
-                self._stuck[agent] = replace(each, moved=True)
+            if each.blockers is None or each.blockers.intersection(moved):
+                self._stuck[agent] = replace(each, has_moved=True)
 
-    def stuck(self, subgoals: Sequence[Subgoal], error: Unreachable) -> None:
+    def mark_stuck(self, subgoals: Sequence[Subgoal], error: Unreachable) -> None:
         """Marks subgoals that have no motion until others go on. Raises `error` where that cannot help."""
         if error.cause is Cause.REACH:
-            by = frozenset[str]().union(*(each.names for each in subgoals))
+            blockers = frozenset[str]().union(*(subgoal.names for subgoal in subgoals))
         elif error.cause is Cause.SPACE:
-            alone = "obstacles" in error.facts and error.agents[1:] == ()
-            by = frozenset(error.facts["obstacles"]) if alone else None
+            only_objects = "obstacles" in error.facts and error.agents[1:] == ()
+            blockers = frozenset(error.facts["obstacles"]) if only_objects else None
         else:
             raise error
-        self._stuck |= {each.agent: _Stuck(error, by) for each in subgoals}
+        self._stuck |= {subgoal.agent: _Stuck(error, blockers) for subgoal in subgoals}
 
-    def _waits(self, subgoal: Subgoal) -> bool:
+    def _is_waiting(self, subgoal: Subgoal) -> bool:
         """Whether a subgoal that must end before this one has not been planned yet."""
         return any(
-            _is_of(then, subgoal) and any(map(partial(_is_of, first), self.left.get(first[0], ())))
+            _matches(then, subgoal) and any(map(partial(_matches, first), self.remaining.get(first[0], ())))
             for first, then in self._order
         )
 
-    def _group(self, subgoal: Subgoal) -> frozenset[int]:
+    def _joint_agents(self, subgoal: Subgoal) -> frozenset[int]:
         """The agents that carry out this subgoal as one motion; empty where it is not a joint one."""
         for agents, verb, name in self._lockstep:
             if subgoal.agent in agents and (subgoal.verb, subgoal.object) == (verb, name) and verb == "lift":
                 return agents
         return frozenset()
 
-    def _together(self, ready: Sequence[Subgoal]) -> Sequence[Subgoal]:
+    def _ready_joint_subgoals(self, ready: Sequence[Subgoal]) -> Sequence[Subgoal]:
         """The subgoals of a joint motion that all its agents are ready for, if any."""
         for first in ready:
-            agents, what = self._group(first), (first.verb, first.object)
+            agents, what = self._joint_agents(first), (first.verb, first.object)
             members = [each for each in ready if each.agent in agents and what == (each.verb, each.object)]
             if {each.agent for each in members} == agents:
                 return members
         return ()
 
 
-def _is_of(part: Part, subgoal: Subgoal) -> bool:
+def _matches(part: StepKey, subgoal: Subgoal) -> bool:
     agent, verb, name = part
     return subgoal.agent == agent and (verb is None or (subgoal.verb, subgoal.object) == (verb, name))
 
@@ -193,42 +195,43 @@ def plan_motion(
     the objects where the earlier one leaves them. Arms yield where a path is free.
     """
     begin, planned = present_state(task, scene), list[Subgoal]()
-    ask, made = partial(Request, task, reach), _Made(task, begin)
+    request_for, motions = partial(Request, task, reach), _PlannedMotions(task, begin)
     for agent in yielding.first:
-        made.add(_yield(ask(Subgoal(agent, "aside")), made.state))
+        motions.add(_yield_motion(request_for(Subgoal(agent, "aside")), motions.state))
     queues = Queues(proposal, lockstep, order)
     while subgoals := queues.next():
         try:
             if len(subgoals) > 1:
-                motion = _joint_lift([ask(each) for each in subgoals], made.state)
+                motion = _joint_lift([request_for(each) for each in subgoals], motions.state)
             else:
                 agent = subgoals[0].agent
-                others = [each for other, queue in queues.left.items() if other != agent for each in queue]
-                motion = plan(ask(subgoals[0], queues.left[agent][1:], others), made.state)
+                queues_of_others = (queue for other, queue in queues.remaining.items() if other != agent)
+                others = [subgoal for queue in queues_of_others for subgoal in queue]
+                motion = plan(request_for(subgoals[0], queues.remaining[agent][1:], others), motions.state)
         except Unreachable as error:
-            queues.stuck(subgoals, error)
+            queues.mark_stuck(subgoals, error)
             continue
-        queues.planned(subgoals, {each.attached for each in motion[0] if each.attached is not None})
+        queues.mark_planned(subgoals, {each.attached for each in motion[0] if each.attached is not None})
         planned += subgoals
-        made.add(motion, subgoals)
+        motions.add(motion, subgoals)
         for agent in (each.agent for each in subgoals if each.agent in yielding.once_done):
-            last = made.segments[agent][-1:]
-            if not queues.left[agent] and last and last[0].primitive == "retreat":
-                made.add(_yield(ask(Subgoal(agent, yielding.to)), made.state))
+            last = motions.segments[agent][-1:]
+            if not queues.remaining[agent] and last and last[0].primitive == "retreat":
+                motions.add(_yield_motion(request_for(Subgoal(agent, yielding.posture)), motions.state))
     trajectories = (
-        Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(made.segments[agent]))
+        Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(motions.segments[agent]))
         for agent in task.agents
     )
-    return Motions(tuple(trajectories), made.state, tuple(planned), tuple(made.handovers))
+    return Motions(tuple(trajectories), motions.state, tuple(planned), tuple(motions.handovers))
 
 
-class _Made:
+class _PlannedMotions:
     """The motions so far, the state they lead to, and which agent has left which object where."""
 
     def __init__(self, task: Task, state: State) -> None:
         self.state, self.handovers = state, list[Handover]()
         self.segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}  # without empty ones
-        self._left: dict[str, tuple[int, int]] = {}  # object -> agent that moved it last, knot after that
+        self._left_by: dict[str, tuple[int, int]] = {}  # object -> agent that moved it last, knot after that
 
     def add(self, motion: Motion, subgoals: Sequence[Subgoal] = ()) -> None:
         """Adds a motion of these subgoals."""
@@ -236,19 +239,19 @@ class _Made:
             agent = subgoal.agent
             held, _ = self.state.held.get(agent, (None, None))
             for name in sorted(subgoal.names - {held}):
-                giver, left_at = self._left.get(name, (agent, 0))
+                giver, left_at = self._left_by.get(name, (agent, 0))
                 if giver != agent:
                     self.handovers.append(Handover(giver, left_at, agent, len(self.segments[agent])))
         segments, self.state = motion
-        for each in filter(len, segments):
-            self.segments[each.agent].append(each)
-        for each in segments:
-            mine = [name for name, (agent, _) in self._left.items() if agent == each.agent]
-            for name in {each.attached, *mine} & each.subgoal.names:
-                self._left[name] = each.agent, len(self.segments[each.agent])
+        for segment in filter(len, segments):
+            self.segments[segment.agent].append(segment)
+        for segment in segments:
+            own_objects = [name for name, (agent, _) in self._left_by.items() if agent == segment.agent]
+            for name in {segment.attached, *own_objects} & segment.subgoal.names:
+                self._left_by[name] = segment.agent, len(self.segments[segment.agent])
 
 
-def _yield(request: Request, state: State) -> Motion:
+def _yield_motion(request: Request, state: State) -> Motion:
     """Moves to a posture out of the way, if a path is free; otherwise stays."""
     try:
         return leave(request, state)
@@ -267,6 +270,6 @@ def _joint_lift(requests: Sequence[Request], state: State) -> Motion:
     ends = np.cumsum([line.shape[1] for line in lines])[:-1]
     verb, lifted = first.subgoal.verb, []
     for request, points in zip(requests, np.split(timed, ends, axis=1), strict=True):
-        each, state = request.segment(verb, points, state, joined=f"{verb} {first.subgoal.object}")
-        lifted.append(each)
+        segment, state = request.segment(verb, points, state, joined=f"{verb} {first.subgoal.object}")
+        lifted.append(segment)
     return tuple(lifted), state

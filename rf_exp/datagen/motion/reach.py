@@ -7,18 +7,26 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from rf_exp.datagen.motion.branches import Approaches, Arrivals, along, leaving_s, straight
+from rf_exp.datagen.motion.branches import Approaches, Arrivals, departure_s, path_through, straight_line
 from rf_exp.datagen.motion.paths import Search
-from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
+from rf_exp.datagen.motion.state import (
+    Blockage,
+    Blocked,
+    Floats,
+    Points,
+    State,
+    Unreachable,
+    obstruction_error,
+)
 from rf_exp.datagen.motion.timing import SPACING_RAD, blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Arm
 from rf_exp.tasks.assets import InteractionPoint
-from rf_exp.transforms import Matrix, equal_turns, transform
+from rf_exp.transforms import Matrix, equal_rotations, transform
 from rf_exp.types import JointLimits
 
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that collides
-CLEARANCE_M = 0.10  # height above a place at which lowering begins
+PREPLACE_HEIGHT_M = 0.10  # height above a place at which lowering begins
 RISE_M = 0.04  # straight rise of a grasped object before it moves elsewhere
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses, equivalent within a tier; later tiers are a last resort
@@ -28,17 +36,17 @@ Tiers = Sequence[Sequence[Matrix]]  # TCP poses, equivalent within a tier; later
 class LookAhead:
     """Estimate of what comes after a motion.
 
-    `after` takes goals, TCP poses (G, 4, 4), and returns a function of the index of one and the straight
-    approach to it (2, dof), which gives the duration in s; infinite: out of reach. `leaves` tells whether the
-    next motion can begin from joints (dof,) at the goal; where it cannot, other goals come first.
+    `cost_to_go` takes goals, TCP poses (G, 4, 4), and returns a function of the index of one and the straight
+    approach to it (2, dof), which gives the duration in s; infinite: out of reach. `can_continue` tells
+    whether the next motion can begin from joints (dof,) at the goal; where it cannot, other goals come first.
     """
 
-    after: Callable[[Floats], Callable[[int, Points], float]]
+    cost_to_go: Callable[[Floats], Callable[[int, Points], float]]
     rest_rad: Points | None = None  # (dof,) where the arm goes then, if known beforehand
-    leaves: Callable[[Points], bool] = lambda joints: True
+    can_continue: Callable[[Points], bool] = lambda joints: True
 
 
-_NOTHING = LookAhead(lambda _: lambda goal, points: 0.0)
+_NO_LOOK_AHEAD = LookAhead(lambda _: lambda goal, points: 0.0)
 
 
 @dataclass(frozen=True)
@@ -57,65 +65,68 @@ class Reach:
         standoff_m: float,
         state: State,
         touches: frozenset[str],
-        what: str,
+        subgoal_text: str,
         *,
-        down: bool = False,
+        from_above: bool = False,
         rise: bool = False,
-        round_it: bool = False,
-        look_ahead: LookAhead = _NOTHING,
+        avoid_touched: bool = False,
+        look_ahead: LookAhead = _NO_LOOK_AHEAD,
     ) -> Points:
         """Timed points (T, dof) to the first goal in reach: one motion with rounded corners.
 
         It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis or,
-        with `down`, as far above the goal. With `rise` it begins straight up. With `round_it` a rounded
-        detour keeps clear of what the gripper may touch at the end. Raises Unreachable.
+        with `from_above`, as far above the goal. With `rise` it begins straight up. With `avoid_touched` a
+        rounded detour keeps clear of what the gripper may touch at the end. Raises Unreachable.
         """
         obstacles: dict[int | str, Blockage] = {}  # in the order in which they were found
         no_path, blocked = False, partial(self.blocked, agent, state=state, touches=touches)
-        no_room: set[tuple[int, int]] = set()  # goals where the gripper alone collides, or without a way on
-        stuck: Points | None = None  # the fastest motion to a goal without a way on
+        excluded: set[tuple[int, int]] = set()  # goals where the gripper alone collides, or without a way on
+        dead_end: Points | None = None  # the fastest motion to a goal without a way on
         start = state.qpos[agent]
-        risen = self.risen(agent, start) if rise else None
-        up = start[None] if risen is None else risen
-        for goal, line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead, no_room):
+        rise_line = self.rise_line(agent, start) if rise else None
+        begin = start[None] if rise_line is None else rise_line
+        lines = self._approach_lines(agent, begin, tiers, standoff_m, from_above, look_ahead, excluded)
+        for goal, line in lines:
             if obstacle := blocked(line):  # cheaper to test than a path
                 obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
-                if blocked(line[-1:], hand=True):
-                    no_room.add(goal)
+                if blocked(line[-1:], gripper_only=True):
+                    excluded.add(goal)
                 continue
-            path = self._path(agent, up[-1], line[0], state)
+            path = self._path(agent, begin[-1], line[0], state)
             if path is None:
                 no_path = True
                 continue
-            corners = densify(np.concatenate([up, path, line]))
+            corners = densify(np.concatenate([begin, path, line]))
             for radius_rad in BLEND_RAD:
                 points = blend(corners, radius_rad)
                 obstacle = None
-                if round_it and len(path) > 2:
-                    begins = int(np.abs(corners - line[0]).max(axis=1).argmin())  # rounding begins earlier
-                    detour = points[: max(1, begins - int(1.5 * radius_rad / SPACING_RAD))]
+                if avoid_touched and len(path) > 2:
+                    # Rounding begins earlier.
+                    line_start = int(np.abs(corners - line[0]).max(axis=1).argmin())
+                    detour = points[: max(1, line_start - int(1.5 * radius_rad / SPACING_RAD))]
                     obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
                 obstacle = obstacle or blocked(points, between=True)
                 if obstacle is None:
-                    if look_ahead.leaves(points[-1]):
+                    if look_ahead.can_continue(points[-1]):
                         return parameterise(points, self.limits)
-                    stuck = points if stuck is None else stuck
-                    no_room.add(goal)
+                    dead_end = points if dead_end is None else dead_end
+                    excluded.add(goal)
                     break
                 if radius_rad == BLEND_RAD[-1]:
                     obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
             # All lines begin with the rise, so it is tested once.
-            if risen is not None and (obstacle := blocked(risen, between=True)):
-                raise obstructed(what, Blockage(agent, risen, state, touches, obstacle, "as it rises"))
-            risen = None
-        if stuck is not None:  # the obstacle is reported when the next subgoal is planned
-            return parameterise(stuck, self.limits)
+            if rise_line is not None and (obstacle := blocked(rise_line, between=True)):
+                blockage = Blockage(agent, rise_line, state, touches, obstacle, "as it rises")
+                raise obstruction_error(subgoal_text, blockage)
+            rise_line = None
+        if dead_end is not None:  # the obstacle is reported when the next subgoal is planned
+            return parameterise(dead_end, self.limits)
         if obstacles:
-            everywhere = len(no_room) == sum(map(len, tiers))
-            finding = Finding.NO_ROOM if everywhere else Finding.BLOCKED
-            raise obstructed(what, *obstacles.values(), finding=finding)
+            all_excluded = len(excluded) == sum(map(len, tiers))
+            finding = Finding.NO_ROOM if all_excluded else Finding.BLOCKED
+            raise obstruction_error(subgoal_text, *obstacles.values(), finding=finding)
         cause, finding = (Cause.SPACE, Finding.NO_PATH) if no_path else (Cause.REACH, Finding.OUT_OF_REACH)
-        raise Unreachable(cause, finding, (agent,), subgoals=(what,))
+        raise Unreachable(cause, finding, (agent,), subgoals=(subgoal_text,))
 
     def estimated_s(
         self, agent: int, tiers: Tiers, standoff_m: float, state: State, look_ahead: LookAhead
@@ -126,60 +137,62 @@ class Reach:
         """
         arm, before = self.arms[agent], state.qpos[agent][None]
         for goals in map(np.stack, tiers):
-            least_s, more_s = np.inf, look_ahead.after(goals)
+            least_s, cost_to_go_s = np.inf, look_ahead.cost_to_go(goals)
             approaches = Approaches(arm, self.limits, drawn_back(goals, standoff_m), goals, before)
-            for each in sorted(approaches.estimated(look_ahead.rest_rad), key=lambda each: each.takes_s):
-                if each.takes_s >= least_s:
+            estimates = approaches.estimated(look_ahead.rest_rad)
+            for approach in sorted(estimates, key=lambda each: each.duration_s):
+                if approach.duration_s >= least_s:
                     break
-                least_s = min(least_s, each.takes_s + more_s(each.goal, each.points))
+                least_s = min(least_s, approach.duration_s + cost_to_go_s(approach.goal, approach.points))
             if np.isfinite(least_s):
                 return least_s
         return np.inf
 
-    def _straight_lines(
+    def _approach_lines(
         self,
         agent: int,
-        up: Points,
+        begin: Points,
         tiers: Tiers,
         standoff_m: float,
-        down: bool,
+        from_above: bool,
         look_ahead: LookAhead,
-        given_up: Collection[tuple[int, int]],
+        excluded: Collection[tuple[int, int]],
     ) -> Iterator[tuple[tuple[int, int], Points]]:
-        """Joint points of approaches that follow the points `up`, tier by tier, the fastest first.
+        """Joint points of approaches that follow the points `begin`, tier by tier, the fastest first.
 
-        Each comes with its tier and the index of its goal there; a goal `given_up` meanwhile does not come
+        Each comes with its tier and the index of its goal there; a goal `excluded` meanwhile does not come
         again. An approach is made exact only when its estimate is below all exact ones. Approaches after
         which the next motion is out of reach come last of all.
         """
-        last, before = [], up[[0, -1]] if len(up) > 1 else up
+        postponed, before = [], begin[[0, -1]] if len(begin) > 1 else begin
         for tier, goals in enumerate(map(np.stack, tiers)):
-            pregrasps = above(goals, standoff_m) if down else drawn_back(goals, standoff_m)
+            pregrasps = above(goals, standoff_m) if from_above else drawn_back(goals, standoff_m)
             approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
-            more_s = look_ahead.after(goals)
+            cost_to_go_s = look_ahead.cost_to_go(goals)
             # What comes next is estimated only where the way alone takes no longer than all of another one.
-            open_ = [
-                (round(each.takes_s, 6), number, False, each)
-                for number, each in enumerate(approaches.estimated(look_ahead.rest_rad))
+            queue = [
+                (round(approach.duration_s, 6), number, False, approach)
+                for number, approach in enumerate(approaches.estimated(look_ahead.rest_rad))
             ]
-            heapify(open_)
-            while open_:
-                altogether_s, number, counted, way = heappop(open_)
-                goal = tier, way.goal
-                if goal in given_up:
+            heapify(queue)
+            while queue:
+                total_s, number, is_total, approach = heappop(queue)
+                goal = tier, approach.goal
+                if goal in excluded:
                     continue
-                if not counted:
-                    altogether_s = round(way.takes_s + more_s(way.goal, way.points[[0, -1]]), 6)
-                    heappush(open_, (altogether_s, number, True, way))
-                elif not way.exact:
-                    exact = approaches.exact(way)
+                if not is_total:
+                    further_s = cost_to_go_s(approach.goal, approach.points[[0, -1]])
+                    total_s = round(approach.duration_s + further_s, 6)
+                    heappush(queue, (total_s, number, True, approach))
+                elif not approach.exact:
+                    exact = approaches.exact(approach)
                     if exact is not None:
-                        heappush(open_, (round(exact.takes_s, 6), number, False, exact))
-                elif np.isfinite(altogether_s):
-                    yield goal, way.points
+                        heappush(queue, (round(exact.duration_s, 6), number, False, exact))
+                elif np.isfinite(total_s):
+                    yield goal, approach.points
                 else:
-                    last.append((goal, way.points))
-        yield from (each for each in last if each[0] not in given_up)
+                    postponed.append((goal, approach.points))
+        yield from (each for each in postponed if each[0] not in excluded)
 
     def _path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
         def free(points: Points) -> bool:
@@ -187,32 +200,34 @@ class Reach:
 
         return self.search.path(start, goal, free, self.arms[agent].robot.limits_rad)
 
-    def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
+    def free_motion(self, agent: int, goal: Points, state: State, subgoal_text: str) -> Points:
         """Timed points (T, dof) on a free path to joints (dof,). Raises Unreachable."""
         path = self._path(agent, state.qpos[agent], goal, state)
         if path is not None:
             return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
-        held = state.in_hand(agent)
-        at_an_end = (  # otherwise the obstacle is somewhere between
-            Blockage(agent, joints[None], state, held, obstacle, where)
-            for joints, where in ((state.qpos[agent], "where it stands"), (goal, "where it is to go"))
-            if (obstacle := self.blocked(agent, joints[None], state, held))
+        held_names = state.in_hand(agent)
+        blockages = (  # otherwise the obstacle is somewhere between
+            Blockage(agent, joints[None], state, held_names, obstacle, place)
+            for joints, place in ((state.qpos[agent], "where it stands"), (goal, "where it is to go"))
+            if (obstacle := self.blocked(agent, joints[None], state, held_names))
         )
-        raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), next(at_an_end, None), subgoals=(what,))
+        raise Unreachable(
+            Cause.SPACE, Finding.NO_PATH, (agent,), next(blockages, None), subgoals=(subgoal_text,)
+        )
 
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
         """Joint points (K, dof) of the straight TCP line from joints (dof,) to a pose."""
-        return straight(self.arms[agent], joints, goal, self.limits)
+        return straight_line(self.arms[agent], joints, goal, self.limits)
 
-    def risen(self, agent: int, joints: Points) -> Points | None:
+    def rise_line(self, agent: int, joints: Points) -> Points | None:
         """Joint points (K, dof) of the line straight up with which a grasped object begins to move."""
         return self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
 
-    def along(self, agent: int, joints: Points, poses: Floats) -> Points | None:
+    def path_through(self, agent: int, joints: Points, poses: Floats) -> Points | None:
         """Joint points (K + 1, dof) from joints (dof,) through TCP poses (K, 4, 4)."""
-        return along(self.arms[agent], joints, poses, self.limits)
+        return path_through(self.arms[agent], joints, poses, self.limits)
 
-    def arrive(
+    def arrivals(
         self, agent: int, tiers: Tiers, rest_rad: Points | None = None
     ) -> Callable[[Points], Points | None]:
         """Function of a motion (K, dof) that gives joints (3, dof): at its end, above a TCP pose, and at it.
@@ -220,21 +235,22 @@ class Reach:
         The pose is one of the first tier in reach; the way is the fastest, including that to `rest_rad`.
         """
         stacked = [np.stack(tier) for tier in tiers]
-        arrivals = cache(
-            lambda k: Arrivals(self.arms[agent], above(stacked[k], CLEARANCE_M), stacked[k], rest_rad)
+        arrivals_of_tier = cache(
+            lambda k: Arrivals(self.arms[agent], above(stacked[k], PREPLACE_HEIGHT_M), stacked[k], rest_rad)
         )
 
-        def nearest(points: Points) -> Points | None:
+        def fastest(points: Points) -> Points | None:
             for k in range(len(stacked)):
-                found = arrivals(k).nearest(points[-1])
-                takes_s = self.duration_s(found)
+                corners = arrivals_of_tier(k).nearest(points[-1])
+                durations_s = self.duration_s(corners)
                 if rest_rad is not None:
-                    takes_s = takes_s + leaving_s(found[:, 1], found[:, 2], rest_rad, self.limits)
-                if np.isfinite(takes_s).any():
-                    return found[takes_s.argmin()]
+                    _, high, low = np.moveaxis(corners, 1, 0)
+                    durations_s = durations_s + departure_s(high, low, rest_rad, self.limits)
+                if np.isfinite(durations_s).any():
+                    return corners[durations_s.argmin()]
             return None
 
-        return nearest
+        return fastest
 
     def duration_s(self, corners: Floats) -> Floats:
         """(...) s, estimated duration of motions round corners (..., K, dof)."""
@@ -248,16 +264,17 @@ def above(poses: Floats, height_m: float) -> Floats:
     return raised
 
 
-def drawn_back(poses: Floats, by_m: float) -> Floats:
+def drawn_back(poses: Floats, distance_m: float) -> Floats:
     """Poses (..., 4, 4), moved back along the z axis of the tool."""
-    return poses @ transform((0.0, 0.0, -by_m))
+    return poses @ transform((0.0, 0.0, -distance_m))
 
 
-def turned(goal: Matrix, turns: int) -> list[Matrix]:
+def symmetric_poses(goal: Matrix, turns: int) -> list[Matrix]:
     """The pose, and its copies by equal turns about its z axis."""
-    return [goal @ turn for turn in equal_turns(turns)]
+    return [goal @ turn for turn in equal_rotations(turns)]
 
 
-def contacts(world_from_object: Matrix, point: InteractionPoint) -> list[Matrix]:
+def contact_poses(world_from_object: Matrix, point: InteractionPoint) -> list[Matrix]:
     """All equivalent TCP poses in which a gripper meets an object at a point."""
-    return [hand for alike in point.alike for hand in turned(world_from_object @ alike, point.turns)]
+    equivalent = (world_from_object @ symmetry for symmetry in point.equivalent_poses)
+    return [pose for goal in equivalent for pose in symmetric_poses(goal, point.turns)]

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.findings import Cause, Finding, Found, agent_name
+from rf_exp.findings import Cause, Finding, FindingFacts, agent_name
 from rf_exp.transforms import Matrix
 
 Obstacle = int | str  # the number of an agent, or the name of an object
@@ -18,8 +18,8 @@ Points = Floats  # (K, dof) rad
 class Unreachable(Exception):
     """Raised where no motion carries out a subgoal.
 
-    `agents`: the one that cannot, then those in its way. `facts`: further fields of `Found`. `blockage` is
-    set where something is in the way.
+    `agents`: the one that cannot, then those in its way. `facts`: further fields of `FindingFacts`.
+    `blockage` is set where something is in the way.
     """
 
     def __init__(
@@ -35,10 +35,10 @@ class Unreachable(Exception):
         self.facts = {"finding": finding, **facts}
 
     def __str__(self) -> str:
-        return Found(time_s=0.0, agents=self.agents, **self.facts).sentence
+        return FindingFacts(time_s=0.0, agents=self.agents, **self.facts).sentence
 
 
-def name_of(obstacle: Obstacle) -> str:
+def obstacle_name(obstacle: Obstacle) -> str:
     return agent_name(obstacle) if isinstance(obstacle, int) else obstacle
 
 
@@ -70,18 +70,21 @@ class Blockage:
     where: str = ""  # part of the motion, where known
 
 
-def obstructed(what: str, *blockages: Blockage, finding: Finding = Finding.BLOCKED) -> Unreachable:
+def obstruction_error(
+    subgoal_text: str, *blockages: Blockage, finding: Finding = Finding.BLOCKED
+) -> Unreachable:
     """The error for a subgoal that is blocked; the distance is measured for the first of the blockages."""
-    first, obstacles = blockages[0], [each.obstacle for each in blockages]
-    agents = first.agent, *(each for each in obstacles if isinstance(each, int))
-    facts = {"subgoals": (what,), "obstacles": tuple(map(name_of, obstacles))}
+    first, obstacles = blockages[0], [blockage.obstacle for blockage in blockages]
+    agents = first.agent, *(obstacle for obstacle in obstacles if isinstance(obstacle, int))
+    facts = {"subgoals": (subgoal_text,), "obstacles": tuple(map(obstacle_name, obstacles))}
     return Unreachable(Cause.SPACE, finding, agents, first, **facts)
 
 
 class Blocked(Protocol):
     """Collision test: what blocks an agent at joint points, and `between` them; None where they are free.
 
-    The gripper may touch `touches`. With `hand`, the gripper and its load alone are tested, against objects.
+    The gripper may touch `touches`. With `gripper_only`, the gripper and its load alone are tested, against
+    objects.
     """
 
     def __call__(
@@ -92,5 +95,5 @@ class Blocked(Protocol):
         touches: frozenset[str],
         *,
         between: bool = False,
-        hand: bool = False,
+        gripper_only: bool = False,
     ) -> Obstacle | None: ...

@@ -13,35 +13,35 @@ from torch import Tensor
 from rf_exp.errors import StageError
 from rf_exp.observations import Coordination, Declaration, Observation
 from rf_exp.policy.acting.rollouts import PolicyRunner
-from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
+from rf_exp.policy.acting.self_calibration import CameraEstimate, camera_estimates
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.examples.keypoints import HAND
-from rf_exp.policy.inputs.coordination import phases
+from rf_exp.policy.examples.keypoints import GRIPPER_POINTS
+from rf_exp.policy.inputs.coordination import phase_vectors
 from rf_exp.policy.inputs.observation_spec import (
-    CHANGES,
-    EMPTY_M,
-    Memory,
+    EMPTY_OPENING_M,
+    MOST_CHANGES,
+    GripperHistory,
     ObservationSpec,
     context,
+    finger_openings,
     footprint_from_tcps,
-    of_agent,
-    others,
+    other_agents,
+    own_tcp_and_changes,
     proprioception,
-    widths,
 )
 from rf_exp.policy.inputs.pictures import rays_of, side_by_side
 from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.policy import Policy
-from rf_exp.transforms import Matrix, placed
+from rf_exp.transforms import Matrix, transform_by_poses
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 SETTLE_STEPS = 2  # steps until an arm has settled at its target
 WAIT_STEPS = 4  # executed steps of a chunk in which every agent waits; then the policy predicts again
-SEARCH = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, after a first failed grasp, ...
-SAME_SCENE = 0.03  # predicted probabilities that differ by less are of an unchanged scene
+SEARCH_STEPS = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, after a first failed grasp, ...
+UNCHANGED_SCENE = 0.03  # predicted probabilities that differ by less are of an unchanged scene
 
 
 class TransitionIntegrator:
@@ -65,18 +65,18 @@ class TransitionIntegrator:
         An agent that goes on because its sum reaches the bound gets the latest subgoal whose probabilities
         add up to at least half of that sum, if this is later than the most likely one.
         """
-        changes = np.abs(probabilities - self._last).max(axis=1) > SAME_SCENE
+        changes = np.abs(probabilities - self._last).max(axis=1) > UNCHANGED_SCENE
         self._sums = np.where(changes[:, None], 0, self._sums) + probabilities
         self._last = probabilities
-        numbers, free = probabilities[:, :-1].argmax(axis=1), probabilities[:, -1] > 0.5
+        numbers, may_go_on = probabilities[:, :-1].argmax(axis=1), probabilities[:, -1] > 0.5
         if not self._bound:
-            return numbers, free
-        reached = ~free & (self._sums[:, -1] >= self._bound)
+            return numbers, may_go_on
+        reached = ~may_go_on & (self._sums[:, -1] >= self._bound)
         for agent in np.flatnonzero(reached):
-            *subgoals, leaves = self._sums[agent]
-            likely = np.flatnonzero(np.array(subgoals) >= leaves / 2)
-            numbers[agent] = max([numbers[agent], *likely])
-        return numbers, free | reached
+            *subgoal_sums, leaving_sum = self._sums[agent]
+            likely_subgoals = np.flatnonzero(np.array(subgoal_sums) >= leaving_sum / 2)
+            numbers[agent] = max([numbers[agent], *likely_subgoals])
+        return numbers, may_go_on | reached
 
 
 @dataclass
@@ -86,12 +86,12 @@ class _Episode:
     frames: deque[tuple[Tensor, ...]]  # features (S, F), proprioception (S, P) and context (S, C) of each
     transitions: TransitionIntegrator
     generators: list[torch.Generator]  # per stream
-    grippers: Memory
-    widths: NDArray[np.floating]  # (N,) m, last measured finger openings; NaN where not declared
+    grippers: GripperHistory
+    openings: NDArray[np.floating]  # (N,) m, last measured finger openings; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # per stream; only for uncalibrated cameras
     homing: NDArray[np.bool_]  # (agents of the view,) whether to move to rest before the next observation
+    failed_grasps: Counter[tuple[int, int]] = field(default_factory=Counter)
     # (agent, number of the gripper change) -> number of failed grasps (fingers closed on nothing)
-    misses: Counter[tuple[int, int]] = field(default_factory=Counter)
 
 
 class DiffusionRunner(PolicyRunner):
@@ -107,17 +107,17 @@ class DiffusionRunner(PolicyRunner):
         self._device = policy.normaliser.fastest.device
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
-        of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
+        fastest_of_agents = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
         cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
-        everyone = tuple(range(1, len(self.spec.bases) + 1))
+        all_agents = tuple(range(1, len(self.spec.bases) + 1))
         declared = Declaration(
-            everyone if self.spec.objects else view.agents,
+            all_agents if self.spec.objects else view.agents,
             objects=self.spec.objects,
             cameras=tuple(cameras) if self._config.encoder.pictures else (),
             coordinated=view.agents if view.coordinated else (),
             calibrated=self._config.encoder.keypoints,
         )
-        super().__init__(view, np.tile(of_stream, len(view.streams)), declared)
+        super().__init__(view, np.tile(fastest_of_agents, len(view.streams)), declared)
         self._rows = np.array(view.agents) - 1  # of the own agents among all
         self._agents = max(declared.agents)  # rows of measured joints; NaN for agents that are not declared
         self._episode = self._begin(0)
@@ -129,28 +129,32 @@ class DiffusionRunner(PolicyRunner):
 
     def _begin(self, seed: int) -> _Episode:
         frames: deque[tuple[Tensor, ...]] = deque(maxlen=self._config.observation_steps)
-        drawn = [np.random.SeedSequence([seed, stream.agents[0]]) for stream in self.view.streams]
+        sequences = [np.random.SeedSequence([seed, stream.agents[0]]) for stream in self.view.streams]
         # On the CPU, so that the noise does not depend on the device.
-        generators = [torch.Generator().manual_seed(int(each.generate_state(1)[0])) for each in drawn]
+        generators = [torch.Generator().manual_seed(int(each.generate_state(1)[0])) for each in sequences]
         transitions = TransitionIntegrator(self._config.acting.transition_integrator)
-        grippers, nothing = Memory(self._agents), np.full(self._agents, np.nan)
-        size_px, usual = (self._config.width, self._config.height), self._policy.encoder.usual_rays
-        cameras = [] if usual is None else [estimates(each, size_px) for each in usual.cpu().double().numpy()]
+        grippers, openings = GripperHistory(self._agents), np.full(self._agents, np.nan)
+        size_px, usual_rays = (self._config.width, self._config.height), self._policy.encoder.usual_rays
+        cameras = (
+            []
+            if usual_rays is None
+            else [camera_estimates(rays, size_px) for rays in usual_rays.cpu().double().numpy()]
+        )
         homing = np.full(len(self.view.agents), self._config.acting.homing)
-        return _Episode(frames, transitions, generators, grippers, nothing, cameras, homing)
+        return _Episode(frames, transitions, generators, grippers, openings, cameras, homing)
 
     # observation
 
     @property
-    def looks(self) -> bool:
+    def needs_pictures(self) -> bool:
         """Whether the present pictures are part of the observation of the next prediction."""
-        return self._config.encoder.pictures and self._observes
+        return self._config.encoder.pictures and self._observation_due
 
     @property
-    def _observes(self) -> bool:
+    def _observation_due(self) -> bool:
         """Whether this step is part of that observation. After a withheld command any step may have to be."""
-        due = self.state.kept or len(self.state.targets) < self._config.observation_steps
-        return due and not self._episode.homing.any()
+        soon_due = self.state.withheld or len(self.state.targets) < self._config.observation_steps
+        return soon_due and not self._episode.homing.any()
 
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:
@@ -158,102 +162,106 @@ class DiffusionRunner(PolicyRunner):
         episode, qpos = self._episode, np.full((self._agents, ARM_JOINTS + 2), np.nan)
         for agent, joints in observation.qpos.items():
             qpos[agent - 1] = joints
-        episode.widths = widths(qpos)
-        if self._config.acting.homing and (missed := self._missed()).any():
-            episode.homing |= missed
-            for row in range(len(missed)):
-                self.state.targets.forget(row)
+        episode.openings = finger_openings(qpos)
+        if self._config.acting.homing and (failed := self._failed_grasps()).any():
+            episode.homing |= failed
+            for row in range(len(failed)):
+                self.state.targets.clear(row)
             # Keyed by the change that closed the fingers, which is counted until they open.
-            for row in self._rows[missed].tolist():
-                episode.misses[row + 1, int(episode.grippers.changes[row]) - 1] += 1
-        if not self._observes:
+            for row in self._rows[failed].tolist():
+                episode.failed_grasps[row + 1, int(episode.grippers.changes[row]) - 1] += 1
+        if not self._observation_due:
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
         proprio = torch.from_numpy(proprioception(own)).to(self._device)
-        memory, streams = episode.grippers.vector, range(len(own))
+        history, streams = episode.grippers.vector, range(len(own))
         if self.spec.subgoals:
-            memory = np.concatenate([memory, self._subgoals(observation)], axis=-1)
+            history = np.concatenate([history, self._phases(observation)], axis=-1)
         bases = self._bases(observation)
-        told = [context(self.spec, self.view, row, qpos, observation.poses, memory, bases) for row in streams]
-        known = torch.from_numpy(np.stack(told)).to(self._device)
-        features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
+        stream_contexts = [
+            context(self.spec, self.view, row, qpos, observation.poses, history, bases) for row in streams
+        ]
+        contexts = torch.from_numpy(np.stack(stream_contexts)).to(self._device)
+        features = self._encode(observation) if self.needs_pictures else proprio.new_zeros(len(own), 0)
         # Before an episode's start its first frame repeats, as in training.
         for _ in range(1 if episode.frames else self._config.observation_steps):
-            episode.frames.append((features, proprio, known))
+            episode.frames.append((features, proprio, contexts))
 
-    def _subgoals(self, observation: Observation) -> NDArray[np.float32]:
+    def _phases(self, observation: Observation) -> NDArray[np.float32]:
         """Phases (N, subgoals + 1): from the coordinator, or placeholders until the policy predicts them."""
-        numbers, may_go = np.zeros(self._agents, int), np.ones(self._agents, bool)
+        numbers, may_go_on = np.zeros(self._agents, int), np.ones(self._agents, bool)
         if self.view.coordinated:
             if observation.subgoals is None:
                 name = self.view.name
-                raise StageError(f"policy {name!r} has learned with a coordinator; there is none here")
-            for agent, (number, goes) in observation.subgoals.items():
-                numbers[agent - 1], may_go[agent - 1] = number, goes
-        return phases(numbers, may_go, self.spec.subgoals)
+                raise StageError(f"policy {name!r} was trained with a coordinator; none is running")
+            for agent, (number, agent_may_go_on) in observation.subgoals.items():
+                numbers[agent - 1], may_go_on[agent - 1] = number, agent_may_go_on
+        return phase_vectors(numbers, may_go_on, self.spec.subgoals)
 
-    def _look(self, observation: Observation) -> Tensor:
+    def _encode(self, observation: Observation) -> Tensor:
         """Features (S, F) of the present pictures; records the keypoints detected in them."""
         pictures, expected = [], (self._config.height, self._config.width, 3)
         for stream in self.view.streams:
-            taken = [observation.pictures[camera] for camera in stream.cameras]
-            for camera, picture in zip(stream.cameras, taken, strict=True):
+            stream_pictures = [observation.pictures[camera] for camera in stream.cameras]
+            for camera, picture in zip(stream.cameras, stream_pictures, strict=True):
                 if picture.shape != expected:
                     raise StageError(
                         f"camera {camera!r} gives pictures {picture.shape}; "
                         f"policy {self.view.name!r} was trained on {expected}"
                     )
-            pictures.append(side_by_side(taken))
-        shown = torch.from_numpy(np.stack(pictures)).to(self._device)
-        features, places = self._policy.look(shown, self._rays(observation))
+            pictures.append(side_by_side(stream_pictures))
+        batch = torch.from_numpy(np.stack(pictures)).to(self._device)
+        features, places = self._policy.encode_centre_crops(batch, self._rays(observation))
         if places is None:
             return features
-        seen = places.cpu().double().numpy()
-        self.state.detections = tuple(self._detections(seen[:, :: len(HAND)]))
+        detected = places.cpu().double().numpy()
+        self.state.detections = tuple(self._detections(detected[:, :: len(GRIPPER_POINTS)]))
         if observation.calibration is None:
-            self._calibrate(observation, seen)
-            features, _ = self._policy.look(shown, self._rays(observation))
+            self._calibrate(observation, detected)
+            features, _ = self._policy.encode_centre_crops(batch, self._rays(observation))
         return features
 
     def _bases(self, observation: Observation) -> Sequence[Matrix]:
         """Base pose (4, 4) of every arm: calibrated, or else the usual one."""
-        known = observation.calibration
-        return self.spec.world_from_base if known is None else known.world_from_base
+        calibration = observation.calibration
+        return self.spec.world_from_base if calibration is None else calibration.world_from_base
 
     def _rays(self, observation: Observation) -> Tensor | None:
         """Rays (S, K, 3, 4) of the cameras: calibrated, or else estimated."""
         if self._policy.encoder.usual_rays is None:
             return None
-        if (known := observation.calibration) is not None:
-            rays = [rays_of(known, stream) for stream in self.view.streams]
+        if (calibration := observation.calibration) is not None:
+            rays = [rays_of(calibration, stream) for stream in self.view.streams]
         else:
-            rays = [[each.rays for each in of_stream] for of_stream in self._episode.cameras]
+            rays = [[estimate.rays for estimate in estimates] for estimates in self._episode.cameras]
         return torch.from_numpy(np.array(rays, np.float32)).to(self._device)
 
     def _calibrate(self, observation: Observation, places: NDArray[np.float64]) -> None:
         """Estimate each camera from detections of the own grippers, in places (S, M, 2) of all points."""
-        for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
+        for stream, stream_places, cameras in zip(
+            self.view.streams, places, self._episode.cameras, strict=True
+        ):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
-            hands = footprint_from_tcps(self.spec, self.spec.world_from_base, stream, joints)
-            points = placed(hands, HAND).reshape(-1, 3)
+            poses = footprint_from_tcps(self.spec, self.spec.world_from_base, stream, joints)
+            points = transform_by_poses(poses, GRIPPER_POINTS).reshape(-1, 3)
             first = (self.spec.keyframes + 1) * len(points)
-            for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
-                camera.see(points, seen[first : first + len(points)])
+            for camera, camera_places in zip(cameras, np.split(stream_places, len(cameras)), strict=True):
+                camera.add_detections(points, camera_places[first : first + len(points)])
 
     def _detections(self, places: NDArray[np.float64]) -> Iterator[KeypointDetection]:
         """Keypoints detected at (S, M, 2), but for past gripper changes and the own current TCPs."""
         changes, last = self._episode.grippers.changes, self.spec.keyframes
-        for stream, of_stream in zip(self.view.streams, places, strict=True):
-            meant = []  # per keypoint: agent, whether it is the next one, whether to yield it
+        for stream, stream_places in zip(self.view.streams, places, strict=True):
+            keypoints = []  # per keypoint: agent, whether it is the next one, whether to yield it
             for agent in stream.agents:
-                following = min(changes[agent - 1], last)
-                meant += [(agent, key == following, key >= following) for key in range(last + 1)]
-            meant += [(agent, False, False) for agent in stream.agents]
-            meant += [(agent, False, True) for agent in others(self.spec, stream)]
+                next_change = min(changes[agent - 1], last)
+                keypoints += [(agent, key == next_change, key >= next_change) for key in range(last + 1)]
+            keypoints += [(agent, False, False) for agent in stream.agents]
+            keypoints += [(agent, False, True) for agent in other_agents(self.spec, stream)]
             count = len(stream.cameras)
-            for row, in_picture in enumerate(np.split(of_stream, count)):
-                for (agent, is_next, ahead), (x, y) in zip(meant, in_picture, strict=True):
-                    if ahead:
+            for row, picture_places in enumerate(np.split(stream_places, count)):
+                for (agent, is_next, is_reported), (x, y) in zip(keypoints, picture_places, strict=True):
+                    if is_reported:
                         place = float(count * x - row), float(y)
                         yield KeypointDetection(stream.cameras[row], agent, *place, bool(is_next))
 
@@ -263,62 +271,68 @@ class DiffusionRunner(PolicyRunner):
         """Sample a chunk from the kept observations. Agents that wait or stand still keep their targets."""
         if self._episode.homing.any():
             return self._home()
-        kept = zip(*self._episode.frames, strict=True)
-        features, proprio, known = (torch.stack(each, dim=1) for each in kept)  # (S, O, ...) oldest first
-        known, waits = self._phase(observation, features, proprio, known)
+        frames = zip(*self._episode.frames, strict=True)
+        # (S, O, ...), oldest frame first.
+        features, proprio, contexts = (torch.stack(each, dim=1) for each in frames)
+        contexts, waiting = self._with_predicted_phases(observation, features, proprio, contexts)
         opened = self._episode.grippers.opened[self._rows]
-        if waits.all():
+        if waiting.all():
             stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        beyond = self._beyond(observation, known)
-        sampled = self._policy.act(features, proprio, known, self._episode.generators, beyond)
+        goal_shift = self._goal_shift(observation, contexts)
+        sampled = self._policy.act(features, proprio, contexts, self._episode.generators, goal_shift)
         actions = sampled.cpu().double().numpy()
         if not np.isfinite(actions).all():
             raise StageError(
                 f"policy {self.view.name!r}, control step {observation.step}: it predicts actions that are "
-                "not finite; its weights are of no use"
+                "not finite; its weights are unusable"
             )
         actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         joints = np.stack([observation.qpos[agent] for agent in self.view.agents])[:, :ARM_JOINTS]
-        stays = waits | self._within_deadband(actions, joints, opened)
+        stationary = waiting | self._within_deadband(actions, joints, opened)
         actions = actions[:, : self._config.acting.action_steps]
         if self._config.task_space_actions:
             streams, bases = zip(self.view.streams, actions, strict=True), self._bases(observation)
             chunk = np.concatenate([joint_actions(self.spec, bases, *each) for each in streams], axis=1)
         else:
             chunk = self._joint_actions(actions).copy()
-        chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]
-        chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
+        chunk[:, stationary, :ARM_JOINTS] = self.state.targets.last[stationary]
+        chunk[:, waiting, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waiting]
         # An agent that goes on executes its whole chunk. Cut short whenever another predicts again, it would
         # never open a gripper: pictures alone do not tell how long it has been where it opens.
-        return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
+        return chunk[:WAIT_STEPS] if waiting.any() and stationary.all() else chunk
 
-    def _beyond(self, observation: Observation, known: Tensor) -> Tensor | float:
+    def _goal_shift(self, observation: Observation, contexts: Tensor) -> Tensor | float:
         """Displacement (S, n, 3) of the own goals along camera rays after failed grasps, in m."""
         step_m, episode = self._config.acting.regrasp_step_m, self._episode
-        if not step_m or not episode.misses or (rays := self._rays(observation)) is None:
+        if not step_m or not episode.failed_grasps or (rays := self._rays(observation)) is None:
             return 0.0
 
         def step(agent: int) -> int:
-            misses = episode.misses[agent, int(episode.grippers.changes[agent - 1])]
-            return SEARCH[misses % len(SEARCH)]
+            failures = episode.failed_grasps[agent, int(episode.grippers.changes[agent - 1])]
+            return SEARCH_STEPS[failures % len(SEARCH_STEPS)]
 
         steps = [[step_m * step(agent) for agent in stream.agents] for stream in self.view.streams]
         own = range(len(steps[0]))
-        tcps = torch.stack([of_agent(known[:, -1], agent)[0][..., :3] for agent in own], dim=1)
+        tcps = torch.stack([own_tcp_and_changes(contexts[:, -1], agent)[0][..., :3] for agent in own], dim=1)
         # Directions (S, K, n, 3) from the K cameras to a TCP, and so to its goal once it is there.
-        along = tcps[:, None] - rays[..., 3][:, :, None]
-        along = (along / along.norm(dim=3, keepdim=True)).mean(dim=1)
-        return torch.tensor(steps, device=rays.device)[..., None] * along
+        directions = tcps[:, None] - rays[..., 3][:, :, None]
+        directions = (directions / directions.norm(dim=3, keepdim=True)).mean(dim=1)
+        return torch.tensor(steps, device=rays.device)[..., None] * directions
 
-    def _missed(self) -> NDArray[np.bool_]:
+    def _failed_grasps(self) -> NDArray[np.bool_]:
         """(agents of the view,) whether fingers have closed on nothing, unlike in the demonstrations.
 
         Seen from there, the gripper hides the missed object, and a wrong detection would repeat.
         """
-        grippers, shuts = self._episode.grippers, self.spec.shuts
-        meant = [bool(shuts) and min(grippers.changes[row], CHANGES) in shuts[row] for row in self._rows]
-        return (~grippers.opened & (self._episode.widths < EMPTY_M))[self._rows] & ~np.array(meant)
+        grippers, empty_closings = self._episode.grippers, self.spec.shuts
+        intended = [
+            bool(empty_closings) and min(grippers.changes[row], MOST_CHANGES) in empty_closings[row]
+            for row in self._rows
+        ]
+        return (~grippers.opened & (self._episode.openings < EMPTY_OPENING_M))[self._rows] & ~np.array(
+            intended
+        )
 
     def _home(self) -> NDArray[np.float64]:
         """Targets (T, agents of the view, 8) at rest with open grippers, for as long as the motion takes.
@@ -330,31 +344,33 @@ class DiffusionRunner(PolicyRunner):
         targets = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
         rests = np.stack([self.spec.rest_rad(agent) for agent in self.view.agents])
         targets[homing, :ARM_JOINTS] = rests[homing]
-        far_rad = np.abs(targets[:, :ARM_JOINTS] - self.state.targets.last).max(axis=1)
-        moves = self._fastest_rad > 0  # the others never move in demonstrations
-        steps = np.ceil(np.max(far_rad[moves] / self._fastest_rad[moves], initial=0)) + SETTLE_STEPS
+        distance_rad = np.abs(targets[:, :ARM_JOINTS] - self.state.targets.last).max(axis=1)
+        mobile = self._fastest_rad > 0  # the others never move in demonstrations
+        steps = np.ceil(np.max(distance_rad[mobile] / self._fastest_rad[mobile], initial=0)) + SETTLE_STEPS
         return np.tile(targets, (int(steps), 1, 1))
 
-    def _phase(
-        self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
+    def _with_predicted_phases(
+        self, observation: Observation, features: Tensor, proprio: Tensor, contexts: Tensor
     ) -> tuple[Tensor, NDArray[np.bool_]]:
         """Context (S, O, C) with predicted phases, if any, and (agents of the view,) whether each waits."""
         agents = self.view.agents
-        waits = np.zeros(len(agents), dtype=bool)
-        probabilities = self._policy.chances(features, proprio, known)
+        waiting = np.zeros(len(agents), dtype=bool)
+        probabilities = self._policy.transition_probabilities(features, proprio, contexts)
         if probabilities is not None:
             phase = self._episode.transitions(probabilities.flatten(0, 1).cpu().double().numpy())
-            numbers, free = (torch.from_numpy(each).to(known.device) for each in phase)
-            rows = len(known), -1
-            known = self._policy.in_phase(known, numbers.unflatten(0, rows), free.unflatten(0, rows))
-            waits = ~phase[1]
+            subgoals, may_go_on = (torch.from_numpy(values).to(contexts.device) for values in phase)
+            rows = len(contexts), -1
+            contexts = self._policy.with_phases(
+                contexts, subgoals.unflatten(0, rows), may_go_on.unflatten(0, rows)
+            )
+            waiting = ~phase[1]
         if observation.subgoals is not None:
-            waits = np.array([not observation.subgoals[agent][1] for agent in agents])
+            waiting = np.array([not observation.subgoals[agent][1] for agent in agents])
         if size := self.spec.phase_size:
-            said = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
-            phases_of = zip(said[:, :-1].argmax(dim=1).tolist(), (~waits).tolist(), strict=True)
+            phases = contexts[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
+            phases_of = zip(phases[:, :-1].argmax(dim=1).tolist(), (~waiting).tolist(), strict=True)
             self.state.phases = dict(zip(agents, phases_of, strict=True))
-        return known, waits
+        return contexts, waiting
 
     def _within_deadband(
         self, actions: NDArray[np.float64], joints: NDArray[np.float64], opened: NDArray[np.bool_]
@@ -377,13 +393,13 @@ class DiffusionRunner(PolicyRunner):
         """Commands (agents of the view, 8), as in `PolicyRunner`; records those of the grippers."""
         commands = super().act(decision)
         grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
-        self._episode.grippers.told(grippers, self._episode.widths)
+        self._episode.grippers.record(grippers, self._episode.openings)
         return commands
 
 
 def load_runners(folder: Path, acting: PolicyConfig | None = None) -> tuple[DiffusionRunner, ...]:
     """The runners of an architecture: one for each policy in a subfolder of `folder`, see `load_policy`."""
-    found = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
-    if not found:
+    folders = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
+    if not folders:
         raise StageError(f"no trained policies in {folder}; train them first (stages=[train])")
-    return tuple(DiffusionRunner(*load_policy(path, acting=acting)) for path in found)
+    return tuple(DiffusionRunner(*load_policy(path, acting=acting)) for path in folders)

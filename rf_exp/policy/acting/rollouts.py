@@ -21,7 +21,7 @@ from rf_exp.findings import Violation
 from rf_exp.observations import Declaration, Observation, observe
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.inputs.coordination import Coordinate
-from rf_exp.policy.inputs.rows import narrow, widened
+from rf_exp.policy.inputs.rows import padded_scene, unpadded_commands
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.tasks import Ledger
 from rf_exp.types import (
@@ -66,28 +66,28 @@ class Targets:
         """Replace the queues by targets (T, agents, 8), from now on."""
         self._queues = [deque(chunk[:, row]) for row in range(chunk.shape[1])]
 
-    def forget(self, row: int) -> None:
+    def clear(self, row: int) -> None:
         """Clear the queue of one agent, so that a prediction is due."""
         self._queues[row].clear()
 
-    def ahead(self, steps: int | None = None) -> list[NDArray[np.float64]]:
+    def pending(self, steps: int | None = None) -> list[NDArray[np.float64]]:
         """The commands (T, 8) of each agent from this control step on, as they will be given."""
-        found = []
+        result = []
         for queue, last, fastest in zip(self._queues, self.last, self._fastest_rad, strict=True):
-            rows = []
+            commands = []
             for target in list(queue)[:steps]:
                 change = target[:ARM_JOINTS] - last
-                part = fastest / np.maximum(np.abs(change).max(), fastest + 1e-12)  # at most 1
-                last = last + part * change
-                rows.append(np.append(last, np.clip(target[ARM_JOINTS], -1.0, 1.0)))
-            found.append(np.array(rows))
-        return found
+                fraction = fastest / np.maximum(np.abs(change).max(), fastest + 1e-12)  # at most 1
+                last = last + fraction * change
+                commands.append(np.append(last, np.clip(target[ARM_JOINTS], -1.0, 1.0)))
+            result.append(np.array(commands))
+        return result
 
-    def given(self, commands: NDArray[np.float64], kept: Collection[int] = ()) -> None:
-        """Record executed commands (agents, 8); for the rows in `kept`, targets were withheld."""
+    def record(self, commands: NDArray[np.float64], withheld: Collection[int] = ()) -> None:
+        """Record executed commands (agents, 8); for the rows in `withheld`, targets were withheld."""
         self.last = commands[:, :ARM_JOINTS].copy()
         for row, queue in enumerate(self._queues):
-            if row not in kept:
+            if row not in withheld:
                 queue.popleft()
 
 
@@ -96,18 +96,18 @@ class RunnerState:
     """State of a runner in an episode, including what it reports to recordings."""
 
     targets: Targets
-    kept: bool = False  # whether the target of an agent was withheld in the last step
-    # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
+    withheld: bool = False  # whether the target of an agent was withheld in the last step
     predicted: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
+    # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
     detections: tuple[KeypointDetection, ...] = ()  # in the last observed pictures
-    # agent -> number of its subgoal and whether it may go on, at the last prediction
     phases: Mapping[int, tuple[int, bool]] = field(default_factory=dict)
+    # agent -> number of its subgoal and whether it may go on, at the last prediction
 
 
 class PolicyRunner:
     """Base of runners: a policy that commands some agents by chunks of targets.
 
-    At every control step it gets an observation of what it `declares`, and nothing else of the scene.
+    At every control step it gets an observation of what it `declaration`, and nothing else of the scene.
     """
 
     def __init__(
@@ -126,14 +126,14 @@ class PolicyRunner:
         self.state = RunnerState(Targets(self._fastest_rad))
 
     @property
-    def looks(self) -> bool:
+    def needs_pictures(self) -> bool:
         """Whether the present pictures are part of the observation of the next prediction."""
         return False
 
     @property
-    def declares(self) -> Declaration:
-        """What it observes at this control step: without cameras, unless it `looks`."""
-        return self._declared if self.looks else replace(self._declared, cameras=())
+    def declaration(self) -> Declaration:
+        """What it observes at this control step: without cameras, unless it `needs_pictures`."""
+        return self._declared if self.needs_pictures else replace(self._declared, cameras=())
 
     def observe(self, observation: Observation) -> None:
         """Process an observation; called at every control step, before a prediction."""
@@ -144,10 +144,10 @@ class PolicyRunner:
 
     def __call__(self, observation: Observation) -> NDArray[np.float64]:
         """Commands (agents of the view, 8) for this control step."""
-        self.think(observation)
+        self.observe_and_predict(observation)
         return self.act()
 
-    def think(self, observation: Observation) -> None:
+    def observe_and_predict(self, observation: Observation) -> None:
         """Observe, and predict for all agents of the view if any of them has no target left."""
         self.state.predicted = {}
         self.state.targets.start(np.stack([observation.qpos[agent] for agent in self.view.agents]))
@@ -157,24 +157,24 @@ class PolicyRunner:
             self.state.targets.put(chunk)
             self.state.predicted = {agent: chunk[:, row] for row, agent in enumerate(self.view.agents)}
 
-    def ahead(self) -> dict[int, NDArray[np.float64]]:
+    def pending_commands(self) -> dict[int, NDArray[np.float64]]:
         """Agent -> (T, 8) commands from this control step on, unless they are withheld."""
-        return dict(zip(self.view.agents, self.state.targets.ahead(), strict=True))
+        return dict(zip(self.view.agents, self.state.targets.pending(), strict=True))
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
         """Commands (agents of the view, 8) for this control step: its own, or those of a decision."""
         agents = self.view.agents
         if decision is None:
-            commands: NDArray[np.float64] = np.concatenate(self.state.targets.ahead(1))
-            self.state.targets.given(commands)
+            commands: NDArray[np.float64] = np.concatenate(self.state.targets.pending(1))
+            self.state.targets.record(commands)
             return commands
         commands = decision.commands[np.array(agents) - 1]
-        kept = [row for row, agent in enumerate(agents) if agent in decision.withheld]
-        self.state.targets.given(commands, kept)
-        self.state.kept = bool(kept)
+        withheld_rows = [row for row, agent in enumerate(agents) if agent in decision.withheld]
+        self.state.targets.record(commands, withheld_rows)
+        self.state.withheld = bool(withheld_rows)
         for row, agent in enumerate(agents):
-            if agent in decision.anew:
-                self.state.targets.forget(row)
+            if agent in decision.replan:
+                self.state.targets.clear(row)
         return commands
 
 
@@ -215,35 +215,48 @@ def rollout(
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
     action[:, ARM_JOINTS] = GRIPPER_OPEN
     ledger, success_paper = Ledger(), False
-    first: dict[tuple[int, ...], Violation] = {}  # agents -> their first violation
+    first_violations: dict[tuple[int, ...], Violation] = {}  # agents -> their first violation
     steps = violations = interventions = 0  # control steps
     while steps < step_limit and not (ledger.success or protective_stop(scene)):
         declared = [_declared(world, runner) for runner in runners]
-        shown = widened(scene)
-        said = coordinate(shown, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
-        for runner, seen in zip(runners, observe(shown, world, declared, said), strict=True):
-            runner.think(seen)
+        padded = padded_scene(scene)
+        coordination = (
+            coordinate(padded, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
+        )
+        for runner, observation in zip(runners, observe(padded, world, declared, coordination), strict=True):
+            runner.observe_and_predict(observation)
         decision = None
         if shield is not None:
-            decision = shield(shown, {k: rows for runner in runners for k, rows in runner.ahead().items()})
+            decision = shield(
+                padded,
+                {
+                    agent: commands
+                    for runner in runners
+                    for agent, commands in runner.pending_commands().items()
+                },
+            )
         for runner in runners:
             action[np.array(runner.view.agents) - 1] = runner.act(decision)
-        scene = world.step(narrow(action.copy(), joints))
+        scene = world.step(unpadded_commands(action.copy(), joints))
         states, verdict = [runner.state for runner in runners], judge(scene)
         violation = None if monitor is None else monitor(scene)
         withheld = None if decision is None else decision.withheld
         steps += 1
-        ledger.see(scene, verdict)
+        ledger.record(scene, verdict)
         success_paper |= verdict.success_paper
         interventions += bool(withheld)
         if violation is not None:
             violations += 1
-            first.setdefault(violation.agents, violation)
+            first_violations.setdefault(violation.agents, violation)
         if on_step is not None:
             step = RolloutStep(
                 scene,
-                narrow(action.copy(), joints),
-                {agent: narrow(chunk, joints) for each in states for agent, chunk in each.predicted.items()},
+                unpadded_commands(action.copy(), joints),
+                {
+                    agent: unpadded_commands(chunk, joints)
+                    for each in states
+                    for agent, chunk in each.predicted.items()
+                },
                 verdict,
                 violation,
                 withheld,
@@ -251,7 +264,7 @@ def rollout(
                 {agent: phase for state in states for agent, phase in state.phases.items()},
             )
             on_step(step)
-    account = replace(ledger.account(ledger.success), violations=tuple(first.values()))
+    account = replace(ledger.account(ledger.success), violations=tuple(first_violations.values()))
     return Rollout(
         seed, ledger.success, success_paper, steps, violations, ledger.contacts, account, interventions
     )
@@ -259,7 +272,7 @@ def rollout(
 
 def _declared(world: World, runner: PolicyRunner) -> Declaration:
     """The declaration of a runner for this step. Raises StageError for a camera that the world lacks."""
-    declared = runner.declares
+    declared = runner.declaration
     for camera in declared.cameras:
         if camera not in world.cameras:
             known = ", ".join(sorted(world.cameras)) or "none"

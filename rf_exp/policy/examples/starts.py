@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, changes, footprint, widths
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, finger_openings, footprint, gripper_changes
 from rf_exp.policy.inputs.pictures import calibrations
-from rf_exp.policy.inputs.rows import meant, measured
+from rf_exp.policy.inputs.rows import intended_commands, measured_joints
 from rf_exp.policy.inputs.view import View
 from rf_exp.robots import Robot
 from rf_exp.transforms import inverse
@@ -27,58 +27,67 @@ APPROACH_M = 0.1  # distance of the TCP from the first grasp within which motion
 Floats = NDArray[np.float64]
 
 
-class Starts:
+class StartOffsets:
     """Fraction of a start offset left, for the n agents of each stream of a view, at each of S * T steps."""
 
     def __init__(
-        self, store: "Store", view: View, spec: ObservationSpec, kept: NDArray[np.bool_] | slice
+        self, store: "Store", view: View, spec: ObservationSpec, selection: NDArray[np.bool_] | slice
     ) -> None:
         self._robots = [[spec.robot(agent) for agent in stream.agents] for stream in view.streams]
-        left, bases = [], []
+        remaining, bases = [], []
         for stream, robots in zip(view.streams, self._robots, strict=True):
             own = np.array(stream.agents) - 1
-            stands = calibrations(store, stream.cameras)
-            episodes = zip(*map(store.by_episode, (measured(store), meant(store))), stands, strict=True)
-            of_stream, placed = [], []
+            episode_calibrations = calibrations(store, stream.cameras)
+            episodes = zip(
+                *map(store.by_episode, (measured_joints(store), intended_commands(store))),
+                episode_calibrations,
+                strict=True,
+            )
+            stream_remaining, stream_bases = [], []
             for qpos, action, calibration in episodes:
-                apart = widths(qpos)
-                parts = [_left(r, action[:, k], apart[:, k]) for r, k in zip(robots, own, strict=True)]
-                of_stream.append(np.stack(parts, axis=1))
+                openings = finger_openings(qpos)
+                fractions = [
+                    _remaining_fraction(robot, action[:, k], openings[:, k])
+                    for robot, k in zip(robots, own, strict=True)
+                ]
+                stream_remaining.append(np.stack(fractions, axis=1))
                 world_from_base = np.stack(calibration.world_from_base)[own]
                 footprint_from_base = inverse(footprint(world_from_base[0])) @ world_from_base
-                placed.append(np.broadcast_to(footprint_from_base, (len(qpos), *world_from_base.shape)))
-            left.append(np.concatenate(of_stream)[kept])
-            bases.append(np.concatenate(placed)[kept])
-        self._steps = len(left[0])  # T
-        self.left = np.concatenate(left)  # (S * T, n)
+                stream_bases.append(np.broadcast_to(footprint_from_base, (len(qpos), *world_from_base.shape)))
+            remaining.append(np.concatenate(stream_remaining)[selection])
+            bases.append(np.concatenate(stream_bases)[selection])
+        self._steps = len(remaining[0])  # T
+        self.remaining = np.concatenate(remaining)  # (S * T, n)
         self._footprint_from_base = np.concatenate(bases)  # (S * T, n, 4, 4)
 
-    def moved(
+    def shifted(
         self, joints: Floats, steps: NDArray[np.int64], offset: Floats, row: int
     ) -> tuple[Floats, Floats]:
         """Joints (B, K, 7) of the own agent `row` at steps (B, K), shifted by its start offset (B, 7).
 
         Returns these joints, and the poses of its TCP for them: footprint_from_tcp (B, K, 4, 4).
         """
-        found = joints + self.left[steps, row, None] * offset[:, None]
+        shifted = joints + self.remaining[steps, row, None] * offset[:, None]
         poses, streams = np.empty((*steps.shape, 4, 4)), steps[:, 0] // self._steps
         for stream in np.unique(streams):
-            robot, which = self._robots[stream][row], streams == stream
-            found[which, :, robot.dof :] = joints[which, :, robot.dof :]
-            poses[which] = robot.tcp_pose(found[which])
-        return found, self._footprint_from_base[steps, row] @ poses
+            robot, rows = self._robots[stream][row], streams == stream
+            shifted[rows, :, robot.dof :] = joints[rows, :, robot.dof :]
+            poses[rows] = robot.tcp_pose(shifted[rows])
+        return shifted, self._footprint_from_base[steps, row] @ poses
 
 
-def _left(robot: Robot, action: NDArray[np.floating], apart_m: NDArray[np.floating]) -> Floats:
+def _remaining_fraction(
+    robot: Robot, action: NDArray[np.floating], openings_m: NDArray[np.floating]
+) -> Floats:
     """Fraction (T,) left, from 1 to 0, by the commands (T, 8) and finger widths (T,) of an arm.
 
     It is constant while the arm stands still.
     """
     joints = action[:, :ARM_JOINTS]
-    changed = changes(action[:, ARM_JOINTS], apart_m)
-    grasp = int(changed[0]) if len(changed) else len(joints) - 1
-    places = robot.tcp_pose(joints)[:, :3, 3]
-    far = np.flatnonzero(np.linalg.norm(places[: grasp + 1] - places[grasp], axis=1) > APPROACH_M)
-    gone = np.cumsum(np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=1))
-    length = gone[far[-1]] if len(far) else 0.0
-    return np.clip(1 - gone / length, 0, 1) if length > 0 else np.zeros(len(joints))
+    change_steps = gripper_changes(action[:, ARM_JOINTS], openings_m)
+    grasp = int(change_steps[0]) if len(change_steps) else len(joints) - 1
+    positions_m = robot.tcp_pose(joints)[:, :3, 3]
+    far = np.flatnonzero(np.linalg.norm(positions_m[: grasp + 1] - positions_m[grasp], axis=1) > APPROACH_M)
+    travelled = np.cumsum(np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=1))
+    length = travelled[far[-1]] if len(far) else 0.0
+    return np.clip(1 - travelled / length, 0, 1) if length > 0 else np.zeros(len(joints))

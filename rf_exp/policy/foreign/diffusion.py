@@ -21,31 +21,38 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.policy.config import DiffusionConfig
-from rf_exp.policy.foreign.tensors import Checkpoint, Stored
+from rf_exp.policy.foreign.tensors import Checkpoint, StoredTensor
 from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.policy.networks.encoders import ResNet18
 from rf_exp.policy.networks.heads import GROUPS, SCHEDULERS, DiffusionHead, FilmBlock
 from rf_exp.texts import printable
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-TOLD, ACTION = "agent_pos", "action"  # last and next commands of an arm
-BRIGHTEST = (1.0, 255.0)  # largest pixel value that a camera's normaliser may expect
-CHANNELS, MOST, MOST_LEVELS = 3, 4096, 8  # of a picture; largest number in cfg; of a U-Net
+LAST_COMMANDS, NEXT_COMMANDS = "agent_pos", "action"  # last and next commands of an arm
+LARGEST_PIXELS = (1.0, 255.0)  # largest pixel value that a camera's normaliser may expect
+CHANNELS, LARGEST_NUMBER, MOST_LEVELS = 3, 4096, 8  # of a picture; largest number in cfg; of a U-Net
 # Arguments of both samplers.
-COMMON = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "clip_sample", "prediction_type")
-UNUSED = re.compile(r"(.*\.)?_dummy_variable|normalizer\.params_dict\.\w+\.input_stats\.\w+")
+COMMON_ARGUMENTS = (
+    "num_train_timesteps",
+    "beta_start",
+    "beta_end",
+    "beta_schedule",
+    "clip_sample",
+    "prediction_type",
+)
+UNUSED_TENSORS = re.compile(r"(.*\.)?_dummy_variable|normalizer\.params_dict\.\w+\.input_stats\.\w+")
 
 # Names of tensors in the release, and here.
-_ENCODER = (
+_ENCODER_NAMES = (
     (r"^conv1\.", "layers.0.0."),
     (r"^bn1\.", "layers.0.1."),
     (r"^layer(\d)\.", r"layers.\1."),
     (r"\.bn(\d)\.", r".norm\1."),
     (r"\.downsample\.", ".skip."),
 )
-_UNET = (
+_UNET_NAMES = (
     (r"^diffusion_step_encoder\.1\.", "step_embedding.linear_1."),
     (r"^diffusion_step_encoder\.3\.", "step_embedding.linear_2."),
     (r"^(down|up)_modules\.(\d+)\.([01])\.", r"\1.\2.resnets.\3."),
@@ -76,9 +83,9 @@ class Settings:
     """Settings in the file of a policy, beside its tensors."""
 
     cameras: Mapping[str, Camera]  # in the order of their features
-    moments: int  # observation steps
+    observation_steps: int
     horizon: int
-    steps: int  # executed steps of a chunk
+    executed_steps: int  # of a chunk
     imagenet: bool  # whether pictures are also normalised by the statistics of ImageNet
     sampler: str
     inference_steps: int
@@ -87,65 +94,77 @@ class Settings:
     @staticmethod
     def read(path: Path, node: Mapping[str, Any], sampler: str | None, steps: int | None) -> "Settings":
         """From the configuration in a file. Raises ArgumentError for unsupported settings."""
-        said = _Node(path, node)
-        kinds = said.of("shape_meta.obs", dict)
-        types = {name: said.of(f"shape_meta.obs.{name}.type", str, "low_dim") for name in sorted(kinds)}
+        config = _ConfigReader(path, node)
+        observed = config.get("shape_meta.obs", dict)
+        types = {name: config.get(f"shape_meta.obs.{name}.type", str, "low_dim") for name in sorted(observed)}
         encoder = "policy.obs_encoder"
-        if said.of(f"{encoder}.resize_shape", object, None) is not None:
-            raise said.refused(
-                f"{encoder}.resize_shape", "null: its pictures are looked at in their own size"
-            )
-        if (groups := said.of("policy.n_groups", int, GROUPS)) != GROUPS:
-            raise said.refused("policy.n_groups", f"{GROUPS}, not {groups}")
-        if others := [name for name, kind in types.items() if kind != "rgb" and name != TOLD]:
-            raise said.refused(f"shape_meta.obs.{others[0]}", f"{TOLD} and cameras (type rgb)")
-        schedule = dict(said.of("policy.noise_scheduler", dict))
-        found = str(schedule.pop("_target_", "")).rpartition(".")[2].removesuffix("Scheduler").lower()
-        if (sampler := sampler or found) not in SCHEDULERS:
-            raise choices("sampler", sampler, SCHEDULERS)
-        if sampler != found:  # without arguments of one sampler alone
-            schedule = {key: schedule[key] for key in COMMON if key in schedule}
-        timesteps = said.of("policy.noise_scheduler.num_train_timesteps", int)
-        told: int | None = steps or said.of("policy.num_inference_steps", int, None)
-        cameras = {name: _camera(said, name) for name, kind in types.items() if kind == "rgb"}
-        moments, horizon = said.of("n_obs_steps", int), said.of("horizon", int)
-        imagenet, executed = said.of(f"{encoder}.imagenet_norm", bool, False), said.of("n_action_steps", int)
-        return Settings(cameras, moments, horizon, executed, imagenet, sampler, told or timesteps, schedule)
+        if config.get(f"{encoder}.resize_shape", object, None) is not None:
+            raise config.unsupported(f"{encoder}.resize_shape", "null: pictures are used in their own size")
+        if (groups := config.get("policy.n_groups", int, GROUPS)) != GROUPS:
+            raise config.unsupported("policy.n_groups", f"{GROUPS}, not {groups}")
+        if others := [name for name, kind in types.items() if kind != "rgb" and name != LAST_COMMANDS]:
+            raise config.unsupported(f"shape_meta.obs.{others[0]}", f"{LAST_COMMANDS} and cameras (type rgb)")
+        schedule = dict(config.get("policy.noise_scheduler", dict))
+        file_sampler = str(schedule.pop("_target_", "")).rpartition(".")[2].removesuffix("Scheduler").lower()
+        if (sampler := sampler or file_sampler) not in SCHEDULERS:
+            raise unknown_choice("sampler", sampler, SCHEDULERS)
+        if sampler != file_sampler:  # without arguments of one sampler alone
+            schedule = {key: schedule[key] for key in COMMON_ARGUMENTS if key in schedule}
+        timesteps = config.get("policy.noise_scheduler.num_train_timesteps", int)
+        inference_steps: int | None = steps or config.get("policy.num_inference_steps", int, None)
+        cameras = {name: _camera(config, name) for name, kind in types.items() if kind == "rgb"}
+        observation_steps, horizon = config.get("n_obs_steps", int), config.get("horizon", int)
+        imagenet, executed_steps = (
+            config.get(f"{encoder}.imagenet_norm", bool, False),
+            config.get("n_action_steps", int),
+        )
+        return Settings(
+            cameras,
+            observation_steps,
+            horizon,
+            executed_steps,
+            imagenet,
+            sampler,
+            inference_steps or timesteps,
+            schedule,
+        )
 
 
-class _Node:
+class _ConfigReader:
     """Configuration in a file, whose values are checked on access."""
 
     def __init__(self, path: Path, node: Mapping[str, Any]) -> None:
         self._path, self._node = path, node
 
-    def of(self, key: str, kind: type, *otherwise: Any) -> Any:
-        """The value of a dotted key, of type `kind`; `otherwise` is the default of an optional key."""
-        found: Any = self._node
+    def get(self, key: str, kind: type, *default: Any) -> Any:
+        """The value of a dotted key, of type `kind`; `default` is the default of an optional key."""
+        value: Any = self._node
         for part in key.split("."):
-            found = found.get(part) if isinstance(found, Mapping) else None
-        if found is None and otherwise:
-            return otherwise[0]
-        if not isinstance(found, kind) or (isinstance(found, int) and kind is int and not 0 < found <= MOST):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        if value is None and default:
+            return default[0]
+        if not isinstance(value, kind) or (
+            isinstance(value, int) and kind is int and not 0 < value <= LARGEST_NUMBER
+        ):
             raise ArgumentError(
-                f"{self._path}: cfg.{key} is {printable(found, 80)!r}; expected {kind.__name__}"
+                f"{self._path}: cfg.{key} is {printable(value, 80)!r}; expected {kind.__name__}"
             )
-        return found
+        return value
 
-    def refused(self, key: str, expected: str) -> ArgumentError:
+    def unsupported(self, key: str, expected: str) -> ArgumentError:
         """The error for a value that would need another network."""
-        return ArgumentError(f"{self._path}: cfg.{key} is not what this suite can make; expected {expected}")
+        return ArgumentError(f"{self._path}: cfg.{key} is not supported; expected {expected}")
 
 
-def _camera(said: _Node, name: str) -> Camera:
+def _camera(config: _ConfigReader, name: str) -> Camera:
     key = f"shape_meta.obs.{name}.shape"
-    shape, crop = said.of(key, list), said.of("policy.obs_encoder.crop_shape", object, None)
+    shape, crop = config.get(key, list), config.get("policy.obs_encoder.crop_shape", object, None)
     if isinstance(crop, Mapping):
         crop = crop.get(name)
     sizes = [*shape, *(crop or [])]
-    fits = all(type(size) is int and 0 < size <= MOST for size in sizes)
+    fits = all(type(size) is int and 0 < size <= LARGEST_NUMBER for size in sizes)
     if len(shape) != 3 or len(sizes) not in (3, 5) or not fits:
-        raise said.refused(key, "three numbers of pixels, and two in crop_shape")
+        raise config.unsupported(key, "three numbers of pixels, and two in crop_shape")
     height, width = shape[1:] if shape[0] == CHANNELS else shape[:2]
     return Camera(height, width, None if crop is None else (crop[0], crop[1]))
 
@@ -171,49 +190,58 @@ class Affine(nn.Module):
 class ReleasedPolicy(nn.Module):
     """Diffusion policy of the release, for one arm or several: last observations -> actions."""
 
-    def __init__(self, said: Settings, channels: tuple[int, ...], actions: int, brightest: Mapping) -> None:
+    def __init__(
+        self, settings: Settings, channels: tuple[int, ...], actions: int, brightest: Mapping
+    ) -> None:
         """`brightest`: camera -> 1 or 255, the largest pixel value that its normaliser expects."""
         super().__init__()
-        self.said, self.agents, self._brightest = said, actions // ACTION_SIZE, brightest
-        self.encoders = nn.ModuleDict({name: ResNet18() for name in said.cameras})
-        condition = said.moments * (len(said.cameras) * ResNet18.features + actions)
-        steps = said.schedule["num_train_timesteps"]
-        how = DiffusionConfig((), channels, steps, "epsilon", "mse", 1, said.sampler, said.inference_steps)
-        self.head = DiffusionHead(how, condition, said.horizon, actions)
-        sizes = {**dict.fromkeys(said.cameras, 1), TOLD: actions, ACTION: actions}
+        self.settings, self.agents, self._brightest = settings, actions // ACTION_SIZE, brightest
+        self.encoders = nn.ModuleDict({name: ResNet18() for name in settings.cameras})
+        condition = settings.observation_steps * (len(settings.cameras) * ResNet18.features + actions)
+        steps = settings.schedule["num_train_timesteps"]
+        head_config = DiffusionConfig(
+            (), channels, steps, "epsilon", "mse", 1, settings.sampler, settings.inference_steps
+        )
+        self.head = DiffusionHead(head_config, condition, settings.horizon, actions)
+        sizes = {**dict.fromkeys(settings.cameras, 1), LAST_COMMANDS: actions, NEXT_COMMANDS: actions}
         self.normalisers = nn.ModuleDict({name: Affine(size) for name, size in sizes.items()})
 
     @torch.inference_mode()
     def act(
-        self, pictures: Mapping[str, NDArray[np.uint8]], told: NDArray[np.float32], generator: torch.Generator
+        self,
+        pictures: Mapping[str, NDArray[np.uint8]],
+        commands: NDArray[np.float32],
+        generator: torch.Generator,
     ) -> NDArray[np.float32]:
-        """Actions (T, A) from the pictures (O, H, W, 3) of each camera and the last commands `told` (O, A).
+        """Actions (T, A) from the pictures (O, H, W, 3) of each camera and the last commands (O, A).
 
         O observation steps, oldest first; the first action is for the newest of them.
         """
         device = next(self.parameters()).device
-        seen = [self._features(name, torch.from_numpy(pictures[name]).to(device)) for name in self.encoders]
-        seen.append(self._normaliser(TOLD).normalise(torch.from_numpy(told).to(device)))
-        condition = torch.cat(seen, dim=1).flatten()[None]
-        chunk = self._normaliser(ACTION).restore(self.head.sample(condition, [generator])[0])
-        return chunk[self.said.moments - 1 :][: self.said.steps].cpu().numpy()
+        features = [
+            self._features(name, torch.from_numpy(pictures[name]).to(device)) for name in self.encoders
+        ]
+        features.append(self._normaliser(LAST_COMMANDS).normalise(torch.from_numpy(commands).to(device)))
+        condition = torch.cat(features, dim=1).flatten()[None]
+        chunk = self._normaliser(NEXT_COMMANDS).restore(self.head.sample(condition, [generator])[0])
+        return chunk[self.settings.observation_steps - 1 :][: self.settings.executed_steps].cpu().numpy()
 
     def _features(self, name: str, pictures: Tensor) -> Tensor:
         """Features (O, F) of pictures (O, H, W, 3)."""
         pictures = pictures.movedim(-1, 1).float() * (self._brightest[name] / 255)
-        if crop := self.said.cameras[name].crop:
+        if crop := self.settings.cameras[name].crop:
             top, left = (round((a - b) / 2) for a, b in zip(pictures.shape[2:], crop, strict=True))
             pictures = pictures[..., top : top + crop[0], left : left + crop[1]]
         pictures = self._normaliser(name).normalise(pictures)
-        if self.said.imagenet:  # as in training
+        if self.settings.imagenet:  # as in training
             mean, std = (pictures.new_tensor(each)[:, None, None] for each in (IMAGENET_MEAN, IMAGENET_STD))
             pictures = (pictures - mean) / std
         return self.encoders[name](pictures)
 
     def _normaliser(self, name: str) -> Affine:
-        found = self.normalisers[name]
-        assert isinstance(found, Affine)
-        return found
+        normaliser = self.normalisers[name]
+        assert isinstance(normaliser, Affine)
+        return normaliser
 
 
 def read_policy(path: Path, sampler: str | None = None, inference_steps: int | None = None) -> ReleasedPolicy:
@@ -223,28 +251,28 @@ def read_policy(path: Path, sampler: str | None = None, inference_steps: int | N
     StageError for a damaged one.
     """
     file = Checkpoint(path)
-    saved = file.saved if isinstance(file.saved, dict) else {}
-    networks, said = saved.get("state_dicts"), saved.get("cfg")
-    if not isinstance(networks, dict) or not isinstance(said, dict):
+    saved = file.contents if isinstance(file.contents, dict) else {}
+    networks, config = saved.get("state_dicts"), saved.get("cfg")
+    if not isinstance(networks, dict) or not isinstance(config, dict):
         keys = ", ".join(sorted(printable(key, 40) for key in saved)[:8]) or "none"
         raise ArgumentError(
             f"{path} is no checkpoint of Diffusion Policy: keys {keys}; expected cfg, state_dicts"
         )
     stored = networks.get("ema_model") or networks.get("model")
-    if not isinstance(stored, dict) or not all(isinstance(each, Stored) for each in stored.values()):
+    if not isinstance(stored, dict) or not all(isinstance(each, StoredTensor) for each in stored.values()):
         raise ArgumentError(f"{path} holds no network; expected tensors in state_dicts.ema_model or .model")
     tensors = {str(name): file.tensor(each) for name, each in stored.items()}
-    settings = Settings.read(path, said, sampler, inference_steps)
-    first = [f"model.down_modules.{level}.0.blocks.0.block.0.weight" for level in range(MOST_LEVELS)]
-    channels = tuple(len(tensors[name]) for name in first if name in tensors)
+    settings = Settings.read(path, config, sampler, inference_steps)
+    first_weights = [f"model.down_modules.{level}.0.blocks.0.block.0.weight" for level in range(MOST_LEVELS)]
+    channels = tuple(len(tensors[name]) for name in first_weights if name in tensors)
     actions = tensors.get("model.final_conv.1.bias", torch.empty(0)).numel()
     if not actions or actions % ACTION_SIZE:
         raise ArgumentError(f"{path} predicts {actions} numbers; expected {ACTION_SIZE} for each arm")
     brightest = {}
     for name in settings.cameras:
-        top = tensors.get(f"normalizer.params_dict.{name}.input_stats.max", torch.empty(0))
-        brightest[name] = float(top.max()) if top.numel() else BRIGHTEST[0]
-        if brightest[name] not in BRIGHTEST:
+        largest = tensors.get(f"normalizer.params_dict.{name}.input_stats.max", torch.empty(0))
+        brightest[name] = float(largest.max()) if largest.numel() else LARGEST_PIXELS[0]
+        if brightest[name] not in LARGEST_PIXELS:
             raise ArgumentError(f"{path}: pictures of {name} go up to {brightest[name]:g}; expected 1 or 255")
     with torch.device("meta"):
         policy = ReleasedPolicy(settings, channels, actions, brightest)
@@ -261,25 +289,25 @@ def read_policy(path: Path, sampler: str | None = None, inference_steps: int | N
 
 def _renamed(policy: ReleasedPolicy, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Tensors of a file under their names here; unknown ones keep their own."""
-    found: dict[str, Tensor] = {}
+    renamed: dict[str, Tensor] = {}
     film: dict[str, Tensor] = {}  # FiLM projections of the blocks
     for name, tensor in tensors.items():
-        if UNUSED.fullmatch(name):
+        if UNUSED_TENSORS.fullmatch(name):
             continue
-        if known := re.fullmatch(r"obs_encoder\.key_model_map\.(\w+)\.(.+)", name):
-            name = f"encoders.{known[1]}.{_replaced(known[2], _ENCODER)}"
-        elif known := re.fullmatch(r"normalizer\.params_dict\.(\w+)\.(scale|offset)", name):
-            name = f"normalisers.{known[1]}.{known[2]}"
-        elif known := re.fullmatch(r"model\.(.+)", name):
-            name = f"head.unet.{_replaced(known[1], _UNET)}"
-        (film if ".cond_encoder.1." in name else found)[name] = tensor.float()
-    blocks = {each.first: name for name, each in policy.named_modules() if isinstance(each, FilmBlock)}
+        if match := re.fullmatch(r"obs_encoder\.key_model_map\.(\w+)\.(.+)", name):
+            name = f"encoders.{match[1]}.{_replaced(match[2], _ENCODER_NAMES)}"
+        elif match := re.fullmatch(r"normalizer\.params_dict\.(\w+)\.(scale|offset)", name):
+            name = f"normalisers.{match[1]}.{match[2]}"
+        elif match := re.fullmatch(r"model\.(.+)", name):
+            name = f"head.unet.{_replaced(match[1], _UNET_NAMES)}"
+        (film if ".cond_encoder.1." in name else renamed)[name] = tensor.float()
+    blocks = {each.film_offset: name for name, each in policy.named_modules() if isinstance(each, FilmBlock)}
     for kind in ("weight", "bias"):
         names = [f"{blocks[first]}.cond_encoder.1.{kind}" for first in sorted(blocks)]
         rows = [film.pop(name) for name in names if name in film]
         if len({each.shape[1:] for each in rows}) == 1:
-            found[f"head.unet.film.{kind}"] = torch.cat(rows)
-    return found | film
+            renamed[f"head.unet.film.{kind}"] = torch.cat(rows)
+    return renamed | film
 
 
 def _replaced(name: str, rules: tuple[tuple[str, str], ...]) -> str:
@@ -288,15 +316,17 @@ def _replaced(name: str, rules: tuple[tuple[str, str], ...]) -> str:
     return name
 
 
-def _check(path: Path, expected: Mapping[str, torch.Size], found: Mapping[str, Tensor]) -> None:
+def _check(path: Path, expected: Mapping[str, torch.Size], tensors: Mapping[str, Tensor]) -> None:
     """Raises ArgumentError naming the first tensor that differs from the network, or is not finite."""
-    for name in sorted(expected.keys() | found.keys()):
-        here, there = expected.get(name), found[name].shape if name in found else None
+    for name in sorted(expected.keys() | tensors.keys()):
+        here, there = expected.get(name), tensors[name].shape if name in tensors else None
         if here != there:
-            told = [f"has {tuple(each)}" if each is not None else "lacks it" for each in (there, here)]
+            descriptions = [
+                f"has {tuple(each)}" if each is not None else "lacks it" for each in (there, here)
+            ]
             raise ArgumentError(
                 f"{path} holds another network than Diffusion Policy with ResNet-18 and GroupNorm: "
-                f"{printable(name, 120)}: the file {told[0]}, the network {told[1]}"
+                f"{printable(name, 120)}: the file {descriptions[0]}, the network {descriptions[1]}"
             )
-        if not found[name].isfinite().all():
-            raise ArgumentError(f"{path}: {printable(name, 120)} is not finite; its weights are of no use")
+        if not tensors[name].isfinite().all():
+            raise ArgumentError(f"{path}: {printable(name, 120)} is not finite; its weights are unusable")

@@ -18,17 +18,17 @@ def make_policy(name: str, options: Mapping[str, Any] | None = None) -> Any:
     """
     module, _, function = name.partition(":")
     try:
-        found = import_module(module)
+        imported = import_module(module)
     except Exception as error:  # an import may raise anything
         raise ArgumentError(
             f"factory {name!r}: {module!r} cannot be imported: {type(error).__name__}: {error}; expected "
             "package.module:function of a module that Python finds, in this folder or by PYTHONPATH"
         ) from error
-    factory = getattr(found, function, None)
+    factory = getattr(imported, function, None)
     if not callable(factory):
-        there = [key for key, each in vars(found).items() if callable(each) and not key.startswith("_")]
+        known = [key for key, value in vars(imported).items() if callable(value) and not key.startswith("_")]
         raise ArgumentError(
-            f"factory {name!r}: {module!r} has no function {function!r}; it has {', '.join(there) or 'none'}"
+            f"factory {name!r}: {module!r} has no function {function!r}; it has {', '.join(known) or 'none'}"
         )
     try:
         policy = factory(**(options or {}))

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, get_args
 
-from rf_exp.artifacts import without
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.artifacts import drop_defaults
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.observations import Observations, State
 from rf_exp.secrets import check_policy_server
 from rf_exp.tasks import default_of
 from rf_exp.types import CameraChoice
 
-WAYS = ("factory", "server")
+SOURCES = ("factory", "server")
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Foreign:
     @property
     def identity(self) -> dict[str, Any]:
         """What determines its rollouts, but for the address of a server: the name stands for the policy."""
-        fields = ("name", "factory", "options", "action_steps")
-        shown = without(asdict(self.observations), calibration=False)
-        return {**{name: getattr(self, name) for name in fields}, "observations": shown}
+        names = ("name", "factory", "options", "action_steps")
+        observations = drop_defaults(asdict(self.observations), calibration=False)
+        return {**{name: getattr(self, name) for name in names}, "observations": observations}
 
     @property
     def observation(self) -> str:
@@ -66,24 +66,26 @@ def foreign_policy(node: Mapping[str, Any], picture: Mapping[str, int]) -> dict[
     Raises ArgumentError for a name without factory and server, for both of these, for one of them without a
     name, and for other fields without a policy.
     """
-    ways = [way for way in WAYS if node[way] is not None]
-    if not ways and node["name"] is None:
-        usual = default_of("foreign")
-        if given := [key for key in node if node[key] != usual[key]]:
+    sources = [source for source in SOURCES if node[source] is not None]
+    if not sources and node["name"] is None:
+        defaults = default_of("foreign")
+        if changed := [key for key in node if node[key] != defaults[key]]:
             raise ArgumentError(
-                f"foreign.{given[0]} is given, and no policy is: "
+                f"foreign.{changed[0]} is given, and no policy is: "
                 "foreign.name with foreign.factory or foreign.server"
             )
         return None
-    if len(ways) != 1:
-        found = "both are given" if ways else "neither is given"
-        raise ArgumentError(f"foreign.factory or foreign.server makes a policy known, one of them; {found}")
+    if len(sources) != 1:
+        problem = "both are given" if sources else "neither is given"
+        raise ArgumentError(
+            f"a foreign policy needs foreign.factory or foreign.server, one of them; {problem}"
+        )
     if node["name"] is None:
         raise ArgumentError(
-            f"foreign.{ways[0]} is given, and foreign.name is missing: its rows are called by it"
+            f"foreign.{sources[0]} is given, and foreign.name is missing: its rows are named by it"
         )
-    shown = node["observations"]
+    observations = node["observations"]
     for key, possible in (("state", get_args(State)), ("cameras", get_args(CameraChoice))):
-        if shown[key] not in possible:
-            raise choices(f"foreign.observations.{key}", shown[key], possible)
-    return {**node, "observations": {**shown, **picture}}
+        if observations[key] not in possible:
+            raise unknown_choice(f"foreign.observations.{key}", observations[key], possible)
+    return {**node, "observations": {**observations, **picture}}

@@ -56,11 +56,11 @@ def crop(
     Neighbouring frames with the same corner are copied in one slice, which is cheaper than a gather.
     """
     height, width = size
-    cut = np.flatnonzero((np.diff(frames) != 1) | (np.diff(corners, axis=0) != 0).any(axis=1)) + 1
+    breaks = np.flatnonzero((np.diff(frames) != 1) | (np.diff(corners, axis=0) != 0).any(axis=1)) + 1
     parts = []
-    for piece in np.split(np.arange(len(frames)), cut):
-        first, (top, left) = frames[piece[0]], corners[piece[0]]
-        parts.append(pictures[first : first + len(piece), top : top + height, left : left + width])
+    for run in np.split(np.arange(len(frames)), breaks):
+        first, (top, left) = frames[run[0]], corners[run[0]]
+        parts.append(pictures[first : first + len(run), top : top + height, left : left + width])
     return torch.cat(parts)
 
 
@@ -90,31 +90,31 @@ def inside_picture(places: Array) -> Array:
 def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
     """Rays (K, 3, 4) of the cameras of a stream, pictures side by side, in the first agent's footprint."""
     footprint_from_world = inverse(footprint(calibration.world_from_base[stream.agents[0] - 1]))
-    count, found = len(stream.cameras), []
+    count, rays = len(stream.cameras), []
     for row, name in enumerate(stream.cameras):
         camera = calibration.cameras[name]
         footprint_from_camera = footprint_from_world @ camera.world_from_camera
         width, height = camera.width_px, camera.height_px
         pixels_from_place = np.array([[count * width, 0, -row * width], [0, height, 0], [0, 0, 1.0]])
         directions = footprint_from_camera[:3, :3] @ np.linalg.inv(camera.intrinsics) @ pixels_from_place
-        found.append(np.column_stack([directions, footprint_from_camera[:3, 3]]))
-    return np.stack(found).astype(np.float32)
+        rays.append(np.column_stack([directions, footprint_from_camera[:3, 3]]))
+    return np.stack(rays).astype(np.float32)
 
 
 def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
     """Calibration of arms and named cameras in each episode of a store. Raises as `usual_calibration`."""
-    usual, found = usual_calibration(store, names), []
+    default, result = usual_calibration(store, names), []
     size_px = store.attrs["width"], store.attrs["height"]
     for certificate in store.certificates:
-        stands = usual
-        if (said := certificate.get("calibration")) is not None:
+        calibration = default
+        if (recorded := certificate.get("calibration")) is not None:
             cameras = {}
             for name in names:
-                pose, lens = (said["cameras"][name][key] for key in ("parent_from_camera", "fov_deg"))
-                cameras[name] = CameraSpec(fov_deg=lens).model(np.array(pose), size_px)
-            stands = Calibration(tuple(map(np.array, said["world_from_base"])), cameras)
-        found.append(stands)
-    return found
+                pose, fov_deg = (recorded["cameras"][name][key] for key in ("parent_from_camera", "fov_deg"))
+                cameras[name] = CameraSpec(fov_deg=fov_deg).model(np.array(pose), size_px)
+            calibration = Calibration(tuple(map(np.array, recorded["world_from_base"])), cameras)
+        result.append(calibration)
+    return result
 
 
 def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
@@ -123,18 +123,18 @@ def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
         scene = store.identity["scene"]
         specs = {name: CameraSpec(**scene["cameras"][name]) for name in names}
         bases = tuple(
-            planar(each["x_m"], each["y_m"], np.deg2rad(each["yaw_deg"]), each.get("z_m", 0))
-            for each in scene["robots"]
+            planar(robot["x_m"], robot["y_m"], np.deg2rad(robot["yaw_deg"]), robot.get("z_m", 0))
+            for robot in scene["robots"]
         )
     except KeyError as error:
         raise ArgumentError(
-            f"{store.path} does not say where its cameras stand; generate it again, or learn with "
-            "policy=paper, which is not told"
+            f"{store.path} does not record the poses of its cameras; generate it again, or train "
+            "policy=paper, which does not need them"
         ) from error
     for name, spec in specs.items():
         if spec.mount != "world":
             raise ArgumentError(
-                f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
+                f"camera {name!r} is mounted on a gripper; the keypoint encoder needs a fixed one"
             )
     size_px = store.attrs["width"], store.attrs["height"]
     cameras = {name: spec.model(spec.world_from_camera, size_px) for name, spec in specs.items()}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.types import ARM_JOINTS, FINGERS, Scene, narrowed
+from rf_exp.types import ARM_JOINTS, FINGERS, Scene, without_padding
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -18,36 +18,36 @@ Number = TypeVar("Number", bound=np.generic)
 GRIPPER = 1  # values of a command behind its joints
 
 
-def wide(rows: NDArray[Number], hand: int) -> NDArray[Number]:
-    """Rows (..., n + hand), padded to (..., ARM_JOINTS + hand); `hand` values follow the joints."""
-    lacks = ARM_JOINTS + hand - rows.shape[-1]
-    if lacks <= 0:
+def with_padding(rows: NDArray[Number], gripper: int) -> NDArray[Number]:
+    """Rows (..., n + gripper), padded to (..., ARM_JOINTS + gripper); `gripper` values follow the joints."""
+    missing = ARM_JOINTS + gripper - rows.shape[-1]
+    if missing <= 0:
         return rows
-    nothing = np.zeros((*rows.shape[:-1], lacks), rows.dtype)
-    return np.concatenate([rows[..., :-hand], nothing, rows[..., -hand:]], axis=-1)
+    padding = np.zeros((*rows.shape[:-1], missing), rows.dtype)
+    return np.concatenate([rows[..., :-gripper], padding, rows[..., -gripper:]], axis=-1)
 
 
-def narrow(commands: NDArray[Number], joints: int) -> NDArray[Number]:
+def unpadded_commands(commands: NDArray[Number], joints: int) -> NDArray[Number]:
     """Commands (..., 8), narrowed to (..., joints + 1) for a task whose arms have so many joints."""
-    return narrowed(commands, joints, GRIPPER)
+    return without_padding(commands, joints, GRIPPER)
 
 
-def measured(store: "Store") -> NDArray[np.float32]:
+def measured_joints(store: "Store") -> NDArray[np.float32]:
     """Measured joints (T, N, 9) of a store."""
-    return wide(store.qpos, FINGERS)
+    return with_padding(store.qpos, FINGERS)
 
 
-def meant(store: "Store") -> NDArray[np.float32]:
+def intended_commands(store: "Store") -> NDArray[np.float32]:
     """Intended commands (T, N, 8) of a store."""
-    return wide(store.action, GRIPPER)
+    return with_padding(store.action, GRIPPER)
 
 
-def executed(store: "Store") -> NDArray[np.float32]:
+def executed_commands(store: "Store") -> NDArray[np.float32]:
     """Executed commands (T, N, 8) of a store."""
-    return wide(store.executed, GRIPPER)
+    return with_padding(store.executed, GRIPPER)
 
 
-def widened(scene: Scene) -> Scene:
+def padded_scene(scene: Scene) -> Scene:
     """A scene with padded rows."""
-    qpos, qvel = (wide(rows, FINGERS) for rows in (scene.qpos, scene.qvel))
+    qpos, qvel = (with_padding(rows, FINGERS) for rows in (scene.qpos, scene.qvel))
     return scene if qpos is scene.qpos else replace(scene, qpos=qpos, qvel=qvel)

@@ -18,7 +18,7 @@ policy learns from all streams of its view together and acts through each of the
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rf_exp.artifacts import without
+from rf_exp.artifacts import drop_defaults
 from rf_exp.errors import ArgumentError
 from rf_exp.types import ARM_JOINTS, Arch
 
@@ -54,7 +54,7 @@ class View:
 
     def __post_init__(self) -> None:
         agents = self.agents
-        sizes = {(len(stream.agents), len(stream.cameras)) for stream in self.streams}
+        sizes = {(len(each.agents), len(each.cameras)) for each in self.streams}
         possible = set(range(1, MOST_AGENTS + 1))
         if len(sizes) != 1 or not agents or len(set(agents)) < len(agents) or not possible.issuperset(agents):
             few = self.streams[:MOST_AGENTS]
@@ -63,14 +63,14 @@ class View:
                 f"cameras {[list(each.cameras) for each in few]}; expected as many of each in all of them, "
                 f"and each agent, from 1 to {MOST_AGENTS}, once"
             )
-        if max(len(stream.cameras) for stream in self.streams) > MOST_AGENTS + 1:
+        if max(len(each.cameras) for each in self.streams) > MOST_AGENTS + 1:
             raise ArgumentError(f"a stream of view {self.name!r} has more than {MOST_AGENTS + 1} cameras")
 
     @property
     def identity(self) -> dict[str, Any]:
         """Its fields, but for neutral values."""
-        streams = [without(asdict(stream), more=()) for stream in self.streams]
-        return without({**asdict(self), "streams": streams}, coordinated=False)
+        streams = [drop_defaults(asdict(stream), more=()) for stream in self.streams]
+        return drop_defaults({**asdict(self), "streams": streams}, coordinated=False)
 
     @property
     def agents(self) -> tuple[int, ...]:
@@ -90,14 +90,16 @@ def views(arch: Arch, agents: int) -> tuple[View, ...]:
     """Views of an architecture, which command each agent once. Raises ArgumentError for less than one."""
     if agents < 1:
         raise ArgumentError(f"agents is {agents}; expected at least 1")
-    everyone = tuple(range(1, agents + 1))
+    all_agents = tuple(range(1, agents + 1))
     if arch.shared_policy and arch.global_view:
-        own = tuple(f"agent{k}" for k in everyone)
-        return (View("joint", (Stream("global", everyone, own * arch.both_views),), arch.coordinated),)
+        own_cameras = tuple(f"agent{k}" for k in all_agents)
+        return (
+            View("joint", (Stream("global", all_agents, own_cameras * arch.both_views),), arch.coordinated),
+        )
     streams = []
-    for agent in everyone:
+    for agent in all_agents:
         first, other = ("global", f"agent{agent}") if arch.global_view else (f"agent{agent}", "global")
         streams.append(Stream(first, (agent,), (other,) * arch.both_views))
     if arch.shared_policy:
         return (View("shared", tuple(streams), arch.coordinated),)
-    return tuple(View(f"agent{each.agents[0]}", (each,), arch.coordinated) for each in streams)
+    return tuple(View(f"agent{stream.agents[0]}", (stream,), arch.coordinated) for stream in streams)

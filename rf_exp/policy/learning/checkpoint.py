@@ -24,14 +24,14 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from rf_exp.artifacts import (
-    differing,
+    atomic_path,
     digest,
     expect_same,
+    find_differences,
     plain,
     read_json,
+    remove_stale_drafts,
     restored,
-    sweep,
-    whole,
     write_json,
 )
 from rf_exp.errors import ArgumentError, StageError, refuse_access
@@ -43,12 +43,12 @@ from rf_exp.policy.networks.policy import Policy
 from rf_exp.texts import printable
 
 CONFIG, STATE = "config.json", "state.safetensors"
-SAID = "rf_exp"  # the only key of a file's metadata: the order of several would be random
+METADATA_KEY = "rf_exp"  # the only key of a file's metadata: the order of several would be random
 CHECKSUM = "sha256"
-MATRIX = 1024  # values of a tensor from which on half precision suffices; ranges and rays have fewer
-NUMBERS = (torch.float32, torch.bfloat16)  # types of tensors: as trained, or halved
-LISTED = 3  # tensors that an error lists
-ANEW = "delete the folder and train again (stages=[train])"
+SMALLEST_HALVED = 1024  # values of a tensor from which on half precision suffices; ranges and rays have fewer
+TENSOR_TYPES = (torch.float32, torch.bfloat16)  # types of tensors: as trained, or halved
+MOST_LISTED = 3  # tensors that an error lists
+TRAIN_AGAIN = "delete the folder and train again (stages=[train])"
 
 
 def device_of(name: str) -> torch.device:
@@ -62,26 +62,26 @@ def device_of(name: str) -> torch.device:
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
     """Replace a safetensors file atomically. Raises StageError where it cannot be written."""
-    kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    with whole(path) as draft:
-        said = {**metadata, CHECKSUM: _checksum(kept, metadata)}
+    contents = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    with atomic_path(path) as draft:
+        full_metadata = {**metadata, CHECKSUM: _checksum(contents, metadata)}
         try:
-            save_file(kept, draft, {SAID: json.dumps(said, sort_keys=True)})
+            save_file(contents, draft, {METADATA_KEY: json.dumps(full_metadata, sort_keys=True)})
         except SafetensorError as error:
             raise StageError(
-                f"cannot write {path}: {error}; make room there, the same command goes on from here"
+                f"cannot write {path}: {error}; free some space there, the same command goes on from here"
             ) from error
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     """Tensors and metadata of a file. Raises StageError where it is damaged."""
     with _opened(path) as file:
-        metadata = _said(file)
-        said = metadata.pop(CHECKSUM)
+        metadata = _metadata(file)
+        expected = metadata.pop(CHECKSUM)
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no iterator
-        found = _checksum(tensors, metadata)
-    if said != found:
-        raise _damaged(path, "what is in it does not fit its checksum")
+        actual = _checksum(tensors, metadata)
+    if expected != actual:
+        raise _damaged(path, "its contents do not match its checksum")
     return tensors, metadata
 
 
@@ -97,12 +97,12 @@ def _opened(path: Path) -> Iterator[Any]:
         raise _damaged(path, str(error)) from error
 
 
-def _said(file: Any) -> dict[str, str]:
+def _metadata(file: Any) -> dict[str, str]:
     """The metadata of an open file, CHECKSUM included."""
-    said = json.loads((file.metadata() or {}).get(SAID, "{}"))
-    if CHECKSUM not in said:
+    metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))
+    if CHECKSUM not in metadata:
         raise ValueError("it has no checksum")
-    return said
+    return metadata
 
 
 def _checksum(tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> str:
@@ -119,7 +119,7 @@ def _damaged(path: Path, what: str) -> StageError:
 
 def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
     """Claim a folder for a training; returns whether it is finished already. Raises as `expect_policy`."""
-    sweep(folder)
+    remove_stale_drafts(folder)
     if (folder / CONFIG).exists():
         expect_policy(folder, provenance)
     else:
@@ -129,25 +129,29 @@ def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
 
 def expect_policy(folder: Path, wanted: Mapping[str, Any]) -> None:
     """Raises StageError naming what differs unless a folder's policy has this provenance, but for acting."""
-    found = _described(folder)
-    made, asked = ({key: each.get(key) for key in wanted if key != "acting"} for each in (found, wanted))
-    expect_same(folder, made, asked, "delete the folder or choose another `out`")
+    config = _read_config(folder)
+    actual, expected = (
+        {key: values.get(key) for key in wanted if key != "acting"} for values in (config, wanted)
+    )
+    expect_same(folder, actual, expected, "delete the folder or choose another `out`")
 
 
 def provenance(folder: Path) -> dict[str, Any]:
     """Provenance of a trained policy, with the checksum of its weights. Raises StageError if missing."""
     _require_model(folder)
     with _opened(folder / MODEL) as file:
-        weights = _said(file)[CHECKSUM]
-    return {**_described(folder), "weights": weights}
+        weights = _metadata(file)[CHECKSUM]
+    return {**_read_config(folder), "weights": weights}
 
 
-def _described(folder: Path) -> dict[str, Any]:
+def _read_config(folder: Path) -> dict[str, Any]:
     """The configuration of a policy, as plain values. Raises StageError for one that is no object."""
-    said = read_json(folder / CONFIG, ANEW)
-    if not isinstance(said, dict):
-        raise StageError(f"{folder / CONFIG} holds a {type(said).__name__}; expected an object; {ANEW}")
-    return said
+    config = read_json(folder / CONFIG, TRAIN_AGAIN)
+    if not isinstance(config, dict):
+        raise StageError(
+            f"{folder / CONFIG} holds a {type(config).__name__}; expected an object; {TRAIN_AGAIN}"
+        )
+    return config
 
 
 def load_policy(
@@ -160,18 +164,20 @@ def load_policy(
     """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
-    said = _described(folder)
-    with _faults_of(folder / CONFIG):
-        same = metadata.get("config") == digest(said)
-    if not same:
-        raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
-    if said.get("learner") != LEARNER:
-        found = f"the policy in {folder} is by version {said.get('learner')!r} of the learner"
-        raise StageError(f"{found}, this is version {LEARNER}; {ANEW}")
-    with _faults_of(folder / CONFIG):
-        view, spec = restored(View, said["view"]), restored(ObservationSpec, said["spec"])
-        config = PolicyConfig.read(said["policy"], said["acting"])
-        _check(said, config, view, spec)
+    node = _read_config(folder)
+    with _config_errors(folder / CONFIG):
+        is_same = metadata.get("config") == digest(node)
+    if not is_same:
+        raise StageError(
+            f"{folder / CONFIG} is damaged or edited: {MODEL} belongs to another one; {TRAIN_AGAIN}"
+        )
+    if node.get("learner") != LEARNER:
+        reason = f"the policy in {folder} is by version {node.get('learner')!r} of the learner"
+        raise StageError(f"{reason}, this is version {LEARNER}; {TRAIN_AGAIN}")
+    with _config_errors(folder / CONFIG):
+        view, spec = restored(View, node["view"]), restored(ObservationSpec, node["spec"])
+        config = PolicyConfig.read(node["policy"], node["acting"])
+        _check_config(node, config, view, spec)
         with torch.device("meta"):  # takes no memory, whatever the configuration asks for
             expected = Policy(config, view, spec).state_dict()
     _check_tensors(tensors, expected, folder / MODEL)
@@ -180,52 +186,59 @@ def load_policy(
     return policy.to(device_of(device)).eval(), view, spec
 
 
-def fill(module: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+def load_tensors(module: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
     """Load the tensors of a file into a network. Raises StageError where they do not fit."""
     _check_tensors(tensors, module.state_dict(), path)
     module.load_state_dict(tensors)
 
 
-def _check_tensors(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], path: Path) -> None:
+def _check_tensors(tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor], path: Path) -> None:
     """Raises StageError naming tensors that are missing, unknown, of another shape or type, or not finite."""
-    wrong = [f"{name} is missing" for name in expected.keys() - found.keys()]
-    wrong += [f"{name} is none of its tensors" for name in found.keys() - expected.keys()]
-    for name in expected.keys() & found.keys():
-        tensor, shape = found[name], tuple(expected[name].shape)
+    problems = [f"{name} is missing" for name in expected.keys() - tensors.keys()]
+    problems += [f"{name} is not one of its tensors" for name in tensors.keys() - expected.keys()]
+    for name in expected.keys() & tensors.keys():
+        tensor, shape = tensors[name], tuple(expected[name].shape)
         if tuple(tensor.shape) != shape:
-            wrong.append(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
-        elif tensor.dtype not in NUMBERS:
-            types = [str(each).removeprefix("torch.") for each in (tensor.dtype, *NUMBERS)]
-            wrong.append(f"{name} is of type {types[0]}, expected {' or '.join(types[1:])}")
+            problems.append(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
+        elif tensor.dtype not in TENSOR_TYPES:
+            types = [str(each).removeprefix("torch.") for each in (tensor.dtype, *TENSOR_TYPES)]
+            problems.append(f"{name} is of type {types[0]}, expected {' or '.join(types[1:])}")
         elif not tensor.isfinite().all():
-            wrong.append(f"{name} holds numbers that are not finite")
-    if wrong:
-        listed = "; ".join(printable(each, 200) for each in sorted(wrong)[:LISTED])
-        more = f", and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
-        why = f"{path} does not fit its configuration ({CONFIG}): {listed}{more}"
-        raise StageError(f"{why}; get it again, or {ANEW}")
+            problems.append(f"{name} holds numbers that are not finite")
+    if problems:
+        listed = "; ".join(printable(each, 200) for each in sorted(problems)[:MOST_LISTED])
+        more = f", and {len(problems) - MOST_LISTED} more" if len(problems) > MOST_LISTED else ""
+        reason = f"{path} does not fit its configuration ({CONFIG}): {listed}{more}"
+        raise StageError(f"{reason}; get it again, or {TRAIN_AGAIN}")
 
 
 @contextmanager
-def _faults_of(path: Path) -> Iterator[None]:
+def _config_errors(path: Path) -> Iterator[None]:
     """Within, any fault of a configuration becomes a StageError that names its file."""
     try:
         yield
     except KeyError as error:
-        raise StageError(f"{path} does not say {error}; get it again, or {ANEW}") from error
+        raise StageError(f"{path} lacks the key {error}; get it again, or {TRAIN_AGAIN}") from error
     except (ArgumentError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
-        raise StageError(f"{path} describes no policy: {error}; get it again, or {ANEW}") from error
+        raise StageError(
+            f"{path} is not a valid policy configuration: {error}; get it again, or {TRAIN_AGAIN}"
+        ) from error
 
 
-def _check(said: Mapping[str, Any], config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
+def _check_config(node: Mapping[str, Any], config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
     """Raises ArgumentError naming missing keys, whose defaults may have changed since, and differing ones.
 
     Also where a policy observes arms or subgoals that its spec lacks.
     """
-    meant = {"policy": config.learned, "acting": config.acted, "view": view.identity, "spec": spec.identity}
-    if wrong := differing({key: said[key] for key in meant}, meant):
-        listed = "; ".join(wrong[:LISTED])
-        raise ArgumentError(f"it is not as this version of the learner writes it: {listed}")
+    expected = {
+        "policy": config.training_values,
+        "acting": config.acting_values,
+        "view": view.identity,
+        "spec": spec.identity,
+    }
+    if differences := find_differences({key: node[key] for key in expected}, expected):
+        listed = "; ".join(differences[:MOST_LISTED])
+        raise ArgumentError(f"it differs from what this version of the learner writes: {listed}")
     if config.context != bool(spec.bases):
         raise ArgumentError(f"context is {config.context}, and spec.bases are of {len(spec.bases)} arms")
     if spec.bases and max(view.agents) > len(spec.bases):
@@ -244,11 +257,14 @@ def write_small(folder: Path, target: Path) -> Path:
     """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
-    small = {name: value.bfloat16() if value.numel() >= MATRIX else value for name, value in tensors.items()}
+    halved = {
+        name: value.bfloat16() if value.numel() >= SMALLEST_HALVED else value
+        for name, value in tensors.items()
+    }
     target.mkdir(parents=True, exist_ok=True)
     for name in (CONFIG, CURVES):
         shutil.copyfile(folder / name, target / name)
-    write_tensors(target / MODEL, small, metadata)
+    write_tensors(target / MODEL, halved, metadata)
     return target
 
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts import whole
+from rf_exp.artifacts import atomic_path
 
 CURVES = "curves.csv"
 
@@ -23,23 +23,26 @@ class Curve:
     core_s: float  # CPU seconds since the beginning, of all threads
 
 
-KINDS: dict[str, Any] = {each.name: each.type for each in fields(Curve)}
+COLUMN_TYPES: dict[str, Any] = {each.name: each.type for each in fields(Curve)}
 
 
 def read_curves(path: Path) -> list[Curve]:
     """The complete rows of a file, also during training. Raises FileNotFoundError."""
     with path.open(newline="") as file:
         lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
-    return [Curve(**{name: KINDS[name](row[name]) for name in KINDS}) for row in csv.DictReader(lines)]
+    return [
+        Curve(**{name: COLUMN_TYPES[name](row[name]) for name in COLUMN_TYPES})
+        for row in csv.DictReader(lines)
+    ]
 
 
 def begin_curves(path: Path, step: int) -> None:
     """Start a file with the rows up to `step`: later ones are of an interrupted run."""
-    kept = [curve for curve in read_curves(path) if curve.step <= step] if path.exists() else []
-    with whole(path) as draft, draft.open("w", newline="") as file:
-        writer = csv.DictWriter(file, KINDS)
+    earlier = [curve for curve in read_curves(path) if curve.step <= step] if path.exists() else []
+    with atomic_path(path) as draft, draft.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMN_TYPES)
         writer.writeheader()
-        writer.writerows(asdict(curve) for curve in kept)
+        writer.writerows(asdict(curve) for curve in earlier)
 
 
 def cost_s(folder: Path) -> float:

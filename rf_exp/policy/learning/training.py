@@ -29,17 +29,17 @@ from rf_exp.policy.examples.windows import Windows
 from rf_exp.policy.inputs.observation_spec import spec_of
 from rf_exp.policy.inputs.view import View
 from rf_exp.policy.learning.checkpoint import (
-    ANEW,
     CONFIG,
     MODEL,
     STATE,
+    TRAIN_AGAIN,
     claim,
     device_of,
-    fill,
+    load_tensors,
     read_tensors,
     write_tensors,
 )
-from rf_exp.policy.learning.curves import CURVES, KINDS, Curve, begin_curves
+from rf_exp.policy.learning.curves import COLUMN_TYPES, CURVES, Curve, begin_curves
 from rf_exp.policy.networks.interfaces import Draw
 from rf_exp.policy.networks.policy import Policy
 
@@ -58,12 +58,12 @@ def train(
     train_config: TrainConfig,
     folder: Path,
     progress: Callable[[Curve], None] | None = None,
-    shared: Path | None = None,
+    fit_cache: Path | None = None,
 ) -> Path:
     """Train one policy into its folder (layout: `rf_exp.policy.learning.checkpoint`) and return the folder.
 
-    A first fit that other trainings may share is read from the folder `shared` if one of them has written it
-    there, or else written there. The resulting weights are the same as without sharing.
+    A first fit that other trainings may share is read from the folder `fit_cache` if one of them has written
+    it there, or else written there. The resulting weights are the same as without sharing.
 
     A finished folder of the same configuration is returned untouched, an unfinished one is resumed. Ctrl-C
     and SIGTERM raise a KeyboardInterrupt between two steps, once the state is written. Raises StageError when
@@ -72,8 +72,8 @@ def train(
     """
     provenance = {
         "learner": LEARNER,
-        "policy": policy_config.learned,
-        "acting": policy_config.acted,
+        "policy": policy_config.training_values,
+        "acting": policy_config.acting_values,
         "view": view.identity,
         "spec": spec_of(policy_config, store, view).identity,
         "train": train_config.identity,
@@ -83,17 +83,17 @@ def train(
         return folder
     windows = Windows(store, view, policy_config, device_of(train_config.device))
     training = Training(windows, view, policy_config, train_config)
-    if shared is not None and (decides := training.fits[0].shared) is not None:
-        of_all = {key: provenance[key] for key in ("learner", "view", "spec", "data")}
-        named = digest({**of_all, "fit": decides, "train": train_config.pace})
-        training.first_fit = shared / f"{view.name}-{named}.safetensors"
+    if fit_cache is not None and (cache_key := training.fits[0].cache_key) is not None:
+        common_key = {key: provenance[key] for key in ("learner", "view", "spec", "data")}
+        name = digest({**common_key, "fit": cache_key, "train": train_config.settings_without_budget})
+        training.first_fit_path = fit_cache / f"{view.name}-{name}.safetensors"
     training.resume(folder / STATE)
     begin_curves(folder / CURVES, training.step_number)
     with (folder / CURVES).open("a", newline="") as file, deferred_interrupt() as interrupted:
         while not training.done:
             curve = training.step()
             if curve is not None:
-                csv.DictWriter(file, KINDS).writerow(asdict(curve))
+                csv.DictWriter(file, COLUMN_TYPES).writerow(asdict(curve))
                 file.flush()
                 if progress is not None:
                     progress(curve)
@@ -102,8 +102,10 @@ def train(
                 training.save(folder / STATE)
             if interrupted.is_set():
                 raise KeyboardInterrupt
-    said = digest(read_json(folder / CONFIG, ANEW))  # which may differ in how the policy acts
-    write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
+    digest_of_config = digest(
+        read_json(folder / CONFIG, TRAIN_AGAIN)
+    )  # which may differ in how the policy acts
+    write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": digest_of_config})
     (folder / STATE).unlink(missing_ok=True)
     return folder
 
@@ -115,18 +117,18 @@ def deferred_interrupt() -> Iterator[threading.Event]:
     if threading.current_thread() is not threading.main_thread():
         yield event  # signals reach the main thread only
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
-    def note(*_: object) -> None:
+    def on_signal(*_: object) -> None:
         event.set()
-        signal.signal(signal.SIGINT, before[signal.SIGINT])
+        signal.signal(signal.SIGINT, handlers[signal.SIGINT])
 
-    for number in before:
-        signal.signal(number, note)
+    for number in handlers:
+        signal.signal(number, on_signal)
     try:
         yield event
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 
@@ -134,8 +136,8 @@ def learning_rate(config: TrainConfig, step: int, steps: int) -> float:
     """Linear warm-up, then half a cosine down to zero at the end of `steps` (paper, supplementary)."""
     if step < config.warmup_steps:
         return config.learning_rate * (step + 1) / config.warmup_steps
-    part = (step - config.warmup_steps) / max(1, steps - config.warmup_steps)
-    return config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * part))
+    progress = (step - config.warmup_steps) / max(1, steps - config.warmup_steps)
+    return config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * progress))
 
 
 class Training:
@@ -156,8 +158,8 @@ class Training:
         budget = train_config.steps or (train_config.epochs or 0) * self._per_epoch
         self.fits = self.policy.fits(windows)
         # First step of each fit, and the total number of steps.
-        self._bounds = [0, *accumulate(budget if fit.steps is None else fit.steps for fit in self.fits)]
-        self.steps = self._bounds[-1]
+        self._fit_bounds = [0, *accumulate(budget if fit.steps is None else fit.steps for fit in self.fits)]
+        self.steps = self._fit_bounds[-1]
         self.step_number = 0  # number of completed steps
         self._parameters = list(self.policy.parameters())
         self._optimiser = torch.optim.AdamW(
@@ -169,12 +171,12 @@ class Training:
         )
         self._average = self._ema(self._parameters)
         # Average and parameters of the current fit.
-        self._learned: tuple[EMAModel, list[nn.Parameter]] | None = None
-        self._order: Sequence[NDArray[np.int64]] = ()  # windows of this epoch, in batches
+        self._fit_state: tuple[EMAModel, list[nn.Parameter]] | None = None
+        self._epoch_batches: Sequence[NDArray[np.int64]] = ()  # windows of this epoch, in batches
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
-        self._samples, self._since = 0, time.perf_counter()  # windows since the last curve, and its time
+        self._samples, self._curve_began_s = 0, time.perf_counter()  # windows since the last curve; its time
         # File of the first fit, shared with other trainings.
-        self.first_fit: Path | None = None
+        self.first_fit_path: Path | None = None
         self._began_s = time.process_time()
 
     @property
@@ -185,13 +187,13 @@ class Training:
     def step(self) -> Curve | None:
         """One step of the optimiser; returns a curve when one is due."""
         config, number = self._config, self.step_number
-        if self._learned is None:
-            self._begin()
-        if not self._order or number % self._per_epoch == 0:
+        if self._fit_state is None:
+            self._begin_fit()
+        if not self._epoch_batches or number % self._per_epoch == 0:
             rng = np.random.default_rng([config.seed, ORDER, number // self._per_epoch])
-            self._order = self._windows.epoch(config.batch_size, config.run_length, rng)
-        batch, fit = self._order[number % self._per_epoch], self.fits[self._current]
-        first, last = self._bounds[self._current : self._current + 2]
+            self._epoch_batches = self._windows.epoch(config.batch_size, config.run_length, rng)
+        batch, fit = self._epoch_batches[number % self._per_epoch], self.fits[self._fit_index]
+        first, last = self._fit_bounds[self._fit_index : self._fit_index + 2]
         rate = fit.rate * learning_rate(config, number - first, last - first)
         rng = np.random.default_rng([config.seed, CROPS, number])
         noise_seed = int(np.random.SeedSequence([config.seed, NOISE, number]).generate_state(1)[0])
@@ -203,49 +205,51 @@ class Training:
             torch.random.fork_rng(devices=[]),  # dropout draws from the global generator
         ):
             torch.manual_seed(noise_seed)
-            drawn = self._windows.sample_active(batch, config.active_agent_sampling, rng)
-            loss = fit.loss(Draw(*drawn, rng, generator))
+            windows_and_weights = self._windows.sample_active(batch, config.active_agent_sampling, rng)
+            loss = fit.loss(Draw(*windows_and_weights, rng, generator))
         for group in self._optimiser.param_groups:
             group["lr"] = rate
         self._optimiser.zero_grad()
         loss.backward()
         self._optimiser.step()
-        assert self._learned is not None
-        average, learned = self._learned
-        average.step(learned)
+        assert self._fit_state is not None
+        average, parameters = self._fit_state
+        average.step(parameters)
         self._loss += loss.detach()
         self.step_number, self._samples = number + 1, self._samples + len(batch)
         due = self.step_number % config.log_every == 0 or self.done
         curve = self._curve(rate) if due else None
         if self.step_number == last and not self.done:
-            self._settle()
+            self._finish_fit()
         return curve
 
     @property
-    def _current(self) -> int:
+    def _fit_index(self) -> int:
         """Index of the fit of this step."""
-        return next(k for k, last in enumerate(self._bounds[1:]) if self.step_number < last)
+        return next(k for k, last in enumerate(self._fit_bounds[1:]) if self.step_number < last)
 
-    def _begin(self) -> None:
+    def _begin_fit(self) -> None:
         """Start a fit: its parameters are trained and averaged; all others equal their averages."""
-        learned = {id(weight) for part in self.fits[self._current].parts for weight in part.parameters()}
-        chosen = [k for k, weight in enumerate(self._parameters) if id(weight) in learned]
+        trained_ids = {
+            id(weight) for part in self.fits[self._fit_index].parts for weight in part.parameters()
+        }
+        indices = [k for k, weight in enumerate(self._parameters) if id(weight) in trained_ids]
         for weight in self._parameters:
-            weight.requires_grad_(id(weight) in learned)
-        average = self._ema([self._parameters[k] for k in chosen])
-        average.shadow_params = [self._average.shadow_params[k] for k in chosen]
+            weight.requires_grad_(id(weight) in trained_ids)
+        average = self._ema([self._parameters[k] for k in indices])
+        average.shadow_params = [self._average.shadow_params[k] for k in indices]
         # It does not warm up anew, so in a late and short fit, as that of the U-Net of `fast`, nearly half of
         # the initial value stays. Warmed up anew, Take Photo succeeds less often (docs/recipe_ablation.md).
         average.optimization_step = self.step_number
-        self._learned = average, [self._parameters[k] for k in chosen]
+        self._fit_state = average, [self._parameters[k] for k in indices]
 
-    def _settle(self) -> None:
-        """Finish a fit: keep its averaged weights, call its `settle`, and share a first fit."""
+    def _finish_fit(self) -> None:
+        """Finish a fit: keep its averaged weights, call its `finish`, and share a first fit."""
         self._average.copy_to(self._parameters)
-        self._learned = None
-        self.fits[self._current - 1].settle()
-        if self._current == 1 and self.first_fit is not None and not self.first_fit.exists():
-            self._write(self.first_fit, self.fits[0].parts[0].state_dict())
+        self._fit_state = None
+        self.fits[self._fit_index - 1].finish()
+        if self._fit_index == 1 and self.first_fit_path is not None and not self.first_fit_path.exists():
+            self._write(self.first_fit_path, self.fits[0].parts[0].state_dict())
 
     def _ema(self, parameters: Sequence[nn.Parameter]) -> "EMAModel":
         """Exponential moving average of parameters, from now on."""
@@ -264,8 +268,8 @@ class Training:
                 f"lower learning_rate (now {self._config.learning_rate:g}) or check the data"
             )
         now, epoch = time.perf_counter(), (self.step_number - 1) // self._per_epoch
-        speed = self._samples / (now - self._since)
-        self._samples, self._since = 0, now
+        speed = self._samples / (now - self._curve_began_s)
+        self._samples, self._curve_began_s = 0, now
         return Curve(self.step_number, self.steps, epoch, loss, rate, speed, self._spent_s)
 
     @property
@@ -289,40 +293,42 @@ class Training:
         self._write(path, tensors)
 
     def _write(self, path: Path, tensors: dict[str, Tensor]) -> None:
-        said = {"step": str(self.step_number), "core_s": str(self._spent_s)}
-        write_tensors(path, tensors | {"loss": self._loss}, said)
+        metadata = {"step": str(self.step_number), "core_s": str(self._spent_s)}
+        write_tensors(path, tensors | {"loss": self._loss}, metadata)
 
     def resume(self, path: Path) -> None:
         """Resume from a saved state or first fit, if any. Raises StageError for one of another training."""
-        found = next((each for each in (path, self.first_fit) if each is not None and each.exists()), None)
-        if found is None:
+        source = next(
+            (each for each in (path, self.first_fit_path) if each is not None and each.exists()), None
+        )
+        if source is None:
             return
-        tensors, metadata = read_tensors(found)
+        tensors, metadata = read_tensors(source)
         try:
             self.step_number = int(metadata["step"])
             self._began_s -= float(metadata["core_s"])
             self._loss.copy_(tensors.pop("loss"))
-            self._learned = None
-            if found == self.first_fit:
-                fill(self.fits[0].parts[0], tensors, found)
+            self._fit_state = None
+            if source == self.first_fit_path:
+                load_tensors(self.fits[0].parts[0], tensors, source)
                 self._average = self._ema(self._parameters)
             else:
-                self._restore(found, tensors)
-            for fit, last in zip(self.fits, self._bounds[1:], strict=True):
-                if last <= self.step_number < self.steps:
-                    fit.settle()
+                self._restore(source, tensors)
+            for fit, end in zip(self.fits, self._fit_bounds[1:], strict=True):
+                if end <= self.step_number < self.steps:
+                    fit.finish()
         except (LookupError, ValueError, RuntimeError) as error:
             raise StageError(
-                f"{found} does not fit this training ({error}); delete it and train again"
+                f"{source} does not fit this training ({error}); delete it and train again"
             ) from error
 
-    def _restore(self, found: Path, tensors: dict[str, Tensor]) -> None:
+    def _restore(self, path: Path, tensors: dict[str, Tensor]) -> None:
         """Load weights, their averages and the moments of the optimiser from a saved state."""
         parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         for key, value in tensors.items():
             part, name = key.split(".", 1)
             parts[part][name] = value
-        fill(self.policy, parts["policy"], found)
+        load_tensors(self.policy, parts["policy"], path)
         for k, shadow in enumerate(self._average.shadow_params):
             shadow.copy_(parts["average"][str(k)])
         moments: dict[int, dict[str, Tensor]] = {}

@@ -86,6 +86,6 @@ class Compact(_Layers):
         def layer(inputs: int, kernel: int, stride: int) -> nn.Sequential:
             return nn.Sequential(_conv(inputs, 32, kernel, stride), nn.GroupNorm(4, 32), nn.ReLU())
 
-        small = layer(3, 8, 4), layer(32, 3, 1), layer(32, 3, 1)
-        read = nn.Conv2d(32, 32, 1), SpatialSoftmax(), nn.Linear(64, self.features)
-        super().__init__(nn.Sequential(*small, *read))
+        convolutions = layer(3, 8, 4), layer(32, 3, 1), layer(32, 3, 1)
+        readout = nn.Conv2d(32, 32, 1), SpatialSoftmax(), nn.Linear(64, self.features)
+        super().__init__(nn.Sequential(*convolutions, *readout))

@@ -59,14 +59,14 @@ class RegressionHead(Head):
 class FilmBlock(ResidualTemporalBlock1D):
     """A residual block that reads its scale and bias from its part of the U-Net's FiLM vector."""
 
-    def __init__(self, in_channels: int, out_channels: int, first: int) -> None:
+    def __init__(self, in_channels: int, out_channels: int, film_offset: int) -> None:
         super().__init__(in_channels, out_channels, embed_dim=1)
         del self.time_emb, self.time_emb_act  # the U-Net projects for all blocks together
-        self.first, self.channels = first, out_channels
+        self.film_offset, self.channels = film_offset, out_channels
 
     def forward(self, inputs: Tensor, t: Tensor) -> Tensor:
         """Inputs (B, in, T) and the FiLM vector of the whole U-Net `t` (B, F) -> (B, out, T)."""
-        scale, bias = t[:, self.first : self.first + 2 * self.channels, None].chunk(2, dim=1)
+        scale, bias = t[:, self.film_offset : self.film_offset + 2 * self.channels, None].chunk(2, dim=1)
         hidden = self.conv_out(scale * self.conv_in(inputs) + bias)
         return hidden + self.residual_conv(inputs)
 
@@ -84,7 +84,7 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         action_size: int,
         observation_size: int,
         channels: tuple[int, ...] = (256, 512, 1024),
-        given: int = 0,  # known channels over time, beside the noisy actions
+        extra_channels: int = 0,  # known channels over time, beside the noisy actions
     ) -> None:
         super().__init__()
         if len(channels) < 2 or any(width <= 0 or width % GROUPS for width in channels):
@@ -94,19 +94,19 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         self._film_size = 0
         self.step_features = Timesteps(STEP_SIZE, flip_sin_to_cos=False, downscale_freq_shift=1)
         self.step_embedding = TimestepEmbedding(STEP_SIZE, 4 * STEP_SIZE, "mish", out_dim=STEP_SIZE)
-        down = [DownResnetBlock1D(a, b) for a, b in pairwise((action_size + given, *channels))]
+        down = [DownResnetBlock1D(a, b) for a, b in pairwise((action_size + extra_channels, *channels))]
         down[-1].downsample = None  # the deepest level keeps its length
         up = [UpResnetBlock1D(b, a, add_upsample=True) for a, b in reversed(list(pairwise(channels)))]
-        self.down = nn.ModuleList(self._modulated(block) for block in down)
-        self.middle = self._modulated(MidResTemporalBlock1D(channels[-1], channels[-1], embed_dim=1))
-        self.up = nn.ModuleList(self._modulated(block) for block in up)
+        self.down = nn.ModuleList(self._with_film_blocks(block) for block in down)
+        self.middle = self._with_film_blocks(MidResTemporalBlock1D(channels[-1], channels[-1], embed_dim=1))
+        self.up = nn.ModuleList(self._with_film_blocks(block) for block in up)
         self.out = OutConv1DBlock(GROUPS, action_size, channels[0], "mish")
-        if given:  # the output is added to the given chunk: it starts at zero
+        if extra_channels:  # the output is added to the given chunk: it starts at zero
             nn.init.zeros_(self.out.final_conv1d_2.weight)
             nn.init.zeros_(self.out.final_conv1d_2.bias)  # pyright: ignore[reportArgumentType]
         self.film = nn.Linear(STEP_SIZE + observation_size, self._film_size)
 
-    def _modulated(self, block: nn.Module) -> nn.Module:
+    def _with_film_blocks(self, block: nn.Module) -> nn.Module:
         """A block of diffusers with its residual blocks replaced by `FilmBlock`s."""
         blocks = nn.ModuleList()
         for resnet in block.resnets:  # pyright: ignore[reportGeneralTypeIssues]
@@ -136,7 +136,7 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
             hidden = block(hidden, skips.pop(), film)
         return self.out(hidden).transpose(1, 2)
 
-    def quick(self, sample: Tensor, film: Tensor) -> Callable[[Tensor, Tensor], Tensor]:
+    def traced(self, sample: Tensor, film: Tensor) -> Callable[[Tensor, Tensor], Tensor]:
         """`modulated`, traced for inputs like these with any number of rows: no Python between operations.
 
         Results are the same to the last bit; a single row on a CPU takes a third of the time
@@ -148,24 +148,24 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         with warnings.catch_warnings(), torch.inference_mode(False), torch.no_grad():
             warnings.simplefilter("ignore")  # about sizes that depend on data: these depend on the network
             shapes = (torch.zeros(2, *sample.shape[1:]), torch.zeros(2, *film.shape[1:]))
-            traced = torch.jit.trace_module(self, {"modulated": shapes}, check_trace=False)
-        return traced.modulated  # pyright: ignore[reportReturnType]
+            module = torch.jit.trace_module(self, {"modulated": shapes}, check_trace=False)
+        return module.modulated  # pyright: ignore[reportReturnType]
 
     @torch.no_grad()
     def _captured(self, sample: Tensor, film: Tensor) -> Callable[[Tensor, Tensor], Tensor]:
-        inputs, beside = (sample.clone(), film.clone()), torch.cuda.Stream(sample.device)
-        beside.wait_stream(torch.cuda.current_stream(sample.device))
-        with torch.cuda.stream(beside):  # warm-up: a first call chooses kernels, and may synchronise
+        inputs, side_stream = (sample.clone(), film.clone()), torch.cuda.Stream(sample.device)
+        side_stream.wait_stream(torch.cuda.current_stream(sample.device))
+        with torch.cuda.stream(side_stream):  # warm-up: a first call chooses kernels, and may synchronise
             self.modulated(*inputs)
-        torch.cuda.current_stream(sample.device).wait_stream(beside)
+        torch.cuda.current_stream(sample.device).wait_stream(side_stream)
         graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph):
             result = self.modulated(*inputs)
 
         @torch.no_grad()
         def replayed(sample: Tensor, film: Tensor) -> Tensor:
-            for kept, given in zip(inputs, (sample, film), strict=True):
-                kept.copy_(given)
+            for buffer, value in zip(inputs, (sample, film), strict=True):
+                buffer.copy_(value)
             graph.replay()
             return result
 
@@ -191,7 +191,7 @@ class DiffusionHead(Head):
         self, config: DiffusionConfig, condition: int, horizon: int, actions: int, refines: bool = False
     ) -> None:
         super().__init__()
-        self._config, self._chunk = config, (horizon, actions)
+        self._config, self._chunk_shape = config, (horizon, actions)
         sizes = [condition, *config.trunk]
         self.trunk = nn.Sequential(*hidden(sizes))
         self.unet = ConditionalUNet1D(actions, sizes[-1], config.channels, actions if refines else 0)
@@ -206,16 +206,16 @@ class DiffusionHead(Head):
         if config.inference_steps:
             self.scheduler.set_timesteps(config.inference_steps)
         self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
-        self._quick: Callable[[Tensor, Tensor], Tensor] | None = None  # traced U-Net, likewise
-        self._rows = 0  # number of rows that `_quick` was made for
+        self._traced_unet: Callable[[Tensor, Tensor], Tensor] | None = None  # traced U-Net, likewise
+        self._rows = 0  # number of rows that `_traced_unet` was made for
 
     def train(self, mode: bool = True) -> "DiffusionHead":
         # Weights may change, which invalidates what was derived from them.
-        self._film_table, self._quick, self._rows = None, None, 0
+        self._film_table, self._traced_unet, self._rows = None, None, 0
         return super().train(mode)
 
     def loss(
-        self, condition: Tensor, actions: Tensor, generator: torch.Generator, given: Tensor | None = None
+        self, condition: Tensor, actions: Tensor, generator: torch.Generator, base_chunk: Tensor | None = None
     ) -> Tensor:
         """Prediction error over `noise_draws` draws of step and noise for each row."""
         device, draws, count = actions.device, self._config.noise_draws, self._config.train_timesteps
@@ -223,8 +223,8 @@ class DiffusionHead(Head):
         noise = torch.randn(clean.shape, generator=generator, device=device)
         steps = torch.randint(count, (len(clean),), generator=generator, device=device)
         noisy = self.scheduler.add_noise(clean, noise, steps)  # pyright: ignore[reportArgumentType]
-        if given is not None:
-            given = given.repeat_interleave(draws, dim=0)
+        if base_chunk is not None:
+            base_chunk = base_chunk.repeat_interleave(draws, dim=0)
         # The condition is projected once for all its draws, every diffusion step once for the batch.
         table = self.unet.film_of_steps(torch.arange(count, device=device))
         projected = self.unet.film_of_observations(self.trunk(condition))
@@ -233,35 +233,35 @@ class DiffusionHead(Head):
         if target is None:
             target = self.scheduler.get_velocity(clean, noise, steps)  # pyright: ignore[reportArgumentType]
         error = functional.mse_loss if self._config.loss == "mse" else functional.l1_loss
-        return error(self._predicted(noisy, film, given).float(), target)
+        return error(self._predicted(noisy, film, base_chunk).float(), target)
 
     def sample(
-        self, condition: Tensor, generators: list[torch.Generator], given: Tensor | None = None
+        self, condition: Tensor, generators: list[torch.Generator], base_chunk: Tensor | None = None
     ) -> Tensor:
-        shape = len(condition), *self._chunk
+        shape = len(condition), *self._chunk_shape
         film = self.unet.film_of_observations(self.trunk(condition))
         sample = randn_tensor(shape, generator=generators, device=condition.device, dtype=condition.dtype)
         steps = self.scheduler.timesteps
         if self._film_table is None:
             self._film_table = self.unet.film_of_steps(steps.to(condition.device))
         # A CUDA graph is for one number of rows, and needs a GPU, which a test may lack.
-        anew = self._rows != shape[0] and torch.cuda.is_available() if sample.is_cuda else self._rows == 0
-        if anew:
-            known = sample if given is None else torch.cat([sample, given], dim=2)
-            self._quick, self._rows = self.unet.quick(known, film), shape[0]
+        retrace = self._rows != shape[0] and torch.cuda.is_available() if sample.is_cuda else self._rows == 0
+        if retrace:
+            inputs = sample if base_chunk is None else torch.cat([sample, base_chunk], dim=2)
+            self._traced_unet, self._rows = self.unet.traced(inputs, film), shape[0]
         for step, film_of_step in zip(steps, self._film_table, strict=True):
-            prediction = self._predicted(sample, film + film_of_step, given)
+            prediction = self._predicted(sample, film + film_of_step, base_chunk)
             # A scheduler returns a tuple only when it is asked to.
-            stepped = self.scheduler.step(prediction, step, sample, generator=generators)  # pyright: ignore[reportArgumentType]
-            sample = stepped.prev_sample  # pyright: ignore[reportAttributeAccessIssue]
+            step_output = self.scheduler.step(prediction, step, sample, generator=generators)  # pyright: ignore[reportArgumentType]
+            sample = step_output.prev_sample  # pyright: ignore[reportAttributeAccessIssue]
         return sample
 
-    def _predicted(self, noisy: Tensor, film: Tensor, given: Tensor | None) -> Tensor:
+    def _predicted(self, noisy: Tensor, film: Tensor, base_chunk: Tensor | None) -> Tensor:
         """Prediction of the U-Net; with a given chunk, the sum of that and the predicted difference."""
-        network = self._quick or self.unet.modulated
-        if given is None:
+        network = self._traced_unet or self.unet.modulated
+        if base_chunk is None:
             return network(noisy, film)
-        return given + network(torch.cat([noisy, given], dim=2), film)
+        return base_chunk + network(torch.cat([noisy, base_chunk], dim=2), film)
 
 
 class RefinedHead(Head):
@@ -274,20 +274,20 @@ class RefinedHead(Head):
         self.regression = RegressionHead(config.regression, condition, horizon, actions)
 
     def loss(self, condition: Tensor, actions: Tensor, generator: torch.Generator) -> Tensor:
-        return self.diffusion.loss(condition, actions, generator, self._given(condition))
+        return self.diffusion.loss(condition, actions, generator, self._base_chunk(condition))
 
     def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
-        given, refines = self._given(condition), self._config.diffusion.inference_steps > 0
-        return self.diffusion.sample(condition, generators, given) if refines else given
+        base_chunk, refines = self._base_chunk(condition), self._config.diffusion.inference_steps > 0
+        return self.diffusion.sample(condition, generators, base_chunk) if refines else base_chunk
 
     def fits(self) -> list[Fit]:
         first = Fit([self.regression], self.regression.loss, self._config.regression_steps)
         return [first, Fit([self.diffusion], self.loss)]
 
     @torch.no_grad()
-    def _given(self, condition: Tensor) -> Tensor:
+    def _base_chunk(self, condition: Tensor) -> Tensor:
         """The regression chunk (B, T, A), without dropout and gradients."""
         training = self.regression.training
-        given = self.regression.eval().layers(condition)
+        base_chunk = self.regression.eval().layers(condition)
         self.regression.train(training)
-        return given
+        return base_chunk

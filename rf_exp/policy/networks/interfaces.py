@@ -43,10 +43,11 @@ class Fit:
     loss: Callable[..., Tensor]  # takes a Draw; from a head: condition, actions, generator
     steps: int | None = None  # None: the training's own budget
     rate: float = 1.0  # learning rate, as a multiple of the training's
+    finish: Callable[[], None] = lambda: None
     # Called once the fit is done and its weights are averaged; idempotent.
-    settle: Callable[[], None] = lambda: None
-    # For a first fit that other trainings may share: what it depends on beside data, view and training pace.
-    shared: Mapping[str, Any] | None = None
+    cache_key: Mapping[str, Any] | None = None
+    # For a first fit that other trainings may share: what it depends on beside data, view and the training
+    # (without its budget).
 
 
 class Encoder(nn.Module):
@@ -71,7 +72,7 @@ class Encoder(nn.Module):
         """(S, K, 3, 4) of the cameras of S streams, as usually mounted; None: it needs no rays."""
         return None
 
-    def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
+    def encode(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
         """Features (B, F), and the places (B, M, 2), from 0 to 1, of detected points, if any.
 
         `rays` (B, K, 3, 4) are those of the K cameras, see `rf_exp.policy.inputs.pictures`. None: the usual
@@ -83,8 +84,8 @@ class Encoder(nn.Module):
         """Features (B, O, F) with the noise of the training of the head."""
         return features
 
-    def moved(self, features: Tensor, hands: Tensor) -> Tensor:
-        """Features (B, O, F) with the own grippers displaced by `hands` (B, O, n, 3 * P + HEADING)."""
+    def displaced(self, features: Tensor, gripper_offsets: Tensor) -> Tensor:
+        """Features (B, O, F) with the own grippers displaced by offsets (B, O, n, 3 * P + HEADING_SIZE)."""
         return features
 
     def conditioning(self, features: Tensor, context: Tensor) -> Tensor:

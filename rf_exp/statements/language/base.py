@@ -6,11 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
-from rf_exp.errors import ArgumentError, choices
-from rf_exp.findings import Finding, Misread, agent_name
+from rf_exp.errors import ArgumentError, unknown_choice
+from rf_exp.findings import Finding, ParseError, agent_name
 from rf_exp.statements.language.notation import (
     AGENT,
-    ANYBODYS,
+    ANY_AGENT_TOKEN,
     NUMBER,
     Quantity,
     Vector,
@@ -18,7 +18,7 @@ from rf_exp.statements.language.notation import (
     quantity,
 )
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.types import ANYBODY, Kind, Subgoal
+from rf_exp.types import ANY_AGENT, Kind, Subgoal
 
 TABLE = "table"  # surface of named places
 ZONE_LIMIT_M = 10.0  # largest coordinate of a zone
@@ -29,7 +29,7 @@ _SYNONYMS = {"centre": "center", "middle": "center"}  # of names of points
 Names = tuple[tuple[str, str | None], ...]  # (object, its interaction point where one is named)
 
 
-def listed(agents: tuple[int, ...]) -> str:
+def agent_list(agents: tuple[int, ...]) -> str:
     """`Agent_1 and Agent_2`, or `Agent_1, Agent_2 and Agent_3`."""
     *first, last = map(agent_name, agents)
     return f"{', '.join(first)} and {last}"
@@ -47,46 +47,50 @@ class Vocabulary:
     def objects(self) -> tuple[str, ...]:
         return tuple(self.points)
 
-    def named(self, name: str) -> str | None:
+    def find_object(self, name: str) -> str | None:
         """The object of that name, ignoring case: sentences are read in lower case."""
-        return _named(name, self.points)
+        return _match_name(name, self.points)
 
-    def agent(self, number: int, where: str) -> int:
+    def agent(self, number: int, context: str) -> int:
         """The agent of that number. Raises ArgumentError that lists the known ones."""
         if number not in self.agents:
-            unknown = choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
-            raise Misread(unknown, Finding.UNKNOWN_AGENT)
+            unknown = unknown_choice(f"agent in {context}:", agent_name(number), map(agent_name, self.agents))
+            raise ParseError(unknown, Finding.UNKNOWN_AGENT)
         return number
 
-    def object(self, name: str, where: str) -> str:
+    def object(self, name: str, context: str) -> str:
         """The object of that name. Raises ArgumentError that lists the known ones."""
-        found = self.named(name)
-        if found is None:
-            raise Misread(choices(f"object in {where}:", name, self.points), Finding.UNKNOWN_OBJECT)
-        return found
+        name_in_task = self.find_object(name)
+        if name_in_task is None:
+            raise ParseError(
+                unknown_choice(f"object in {context}:", name, self.points), Finding.UNKNOWN_OBJECT
+            )
+        return name_in_task
 
-    def point(self, name: str, point: str, where: str) -> str:
+    def point(self, name: str, point: str, context: str) -> str:
         """The interaction point of an object. Raises ArgumentError that lists the known ones."""
         points = self.points[name]
-        found = _named(point, points) or _named(_SYNONYMS.get(point, point), points)
-        if found is None:
-            unknown = choices(f"point of {name} in {where}:", point, points)
-            raise Misread(unknown, Finding.UNKNOWN_POINT)
-        return found
+        point_in_task = _match_name(point, points) or _match_name(_SYNONYMS.get(point, point), points)
+        if point_in_task is None:
+            unknown = unknown_choice(f"point of {name} in {context}:", point, points)
+            raise ParseError(unknown, Finding.UNKNOWN_POINT)
+        return point_in_task
 
     def __str__(self) -> str:
         """All names in one line, for error messages."""
-        things = (f"{name} ({', '.join(points)})" if points else name for name, points in self.points.items())
+        objects = (
+            f"{name} ({', '.join(points)})" if points else name for name, points in self.points.items()
+        )
         return (
             f"agents: {', '.join(map(agent_name, self.agents))}; "
-            f"objects with their points: {', '.join(things) or 'none'}"
+            f"objects with their points: {', '.join(objects) or 'none'}"
         )
 
 
-def _named(name: str, names: Iterable[str]) -> str | None:
+def _match_name(name: str, names: Iterable[str]) -> str | None:
     """The matching one of some names, ignoring case; an exact match comes first."""
-    alike = [each for each in names if each.lower() == name.lower()]
-    return name if name in alike else next(iter(alike), None)
+    matches = [candidate for candidate in names if candidate.lower() == name.lower()]
+    return name if name in matches else next(iter(matches), None)
 
 
 @dataclass(frozen=True)
@@ -101,19 +105,19 @@ class Step:
     def names(self) -> Names:
         return ((self.object, None),) if self.object else ()
 
-    def does(self, otherwise: str) -> str:
-        """`lift lid`; `otherwise` where it is the whole plan."""
-        return f"{self.verb} {self.object}" if self.verb else otherwise
+    def action_text(self, default: str) -> str:
+        """`lift lid`; `default` where it is the whole plan."""
+        return f"{self.verb} {self.object}" if self.verb else default
 
     @property
     def text(self) -> str:
-        return agent_name(self.agent) + (f": {self.does('')}" if self.verb else "")
+        return agent_name(self.agent) + (f": {self.action_text('')}" if self.verb else "")
 
     @property
-    def ended(self) -> str:
+    def end_text(self) -> str:
         """Text of its end: `Agent_2 lifts lid`, or `Agent_2 has finished`."""
-        what = f"{VERBS[self.verb].third_person} {self.object}" if self.verb else "has finished"
-        return f"{agent_name(self.agent)} {what}"
+        action = f"{VERBS[self.verb].third_person} {self.object}" if self.verb else "has finished"
+        return f"{agent_name(self.agent)} {action}"
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ class LiesOn:
         return tuple((name, None) for name in (self.object, self.surface) if name != TABLE)
 
     @property
-    def ended(self) -> str:
+    def end_text(self) -> str:
         return f"{self.object} is on {'the ' if self.surface == TABLE else ''}{self.surface}"
 
 
@@ -138,14 +142,14 @@ Event = Step | LiesOn
 class Words:
     """The parts of a matched sentence (groups of its pattern), looked up in the vocabulary of a task.
 
-    `filed` are the agents under which an answer lists the sentence.
+    `listed_under` are the agents under which an answer lists the sentence.
     """
 
     def __init__(
-        self, parts: Mapping[str, str], text: str, vocabulary: Vocabulary, filed: tuple[int, ...] = ()
+        self, parts: Mapping[str, str], text: str, vocabulary: Vocabulary, listed_under: tuple[int, ...] = ()
     ):
-        self._parts, self.text, self.vocabulary, self._filed = parts, text, vocabulary, filed
-        self._where = f"constraint {text!r}"
+        self._parts, self.text, self.vocabulary, self._listed_under = parts, text, vocabulary, listed_under
+        self._context = f"constraint {text!r}"
 
     def __contains__(self, part: str) -> bool:
         return part in self._parts
@@ -154,29 +158,33 @@ class Words:
         return self._parts[part]
 
     def agent(self, key: str = "") -> int:
-        return self._known(self._part("agent", key))
+        return self._agent_number(self._group("agent", key))
 
     def agents(self) -> tuple[int, ...]:
-        """The agents that the sentence names; without any, those it is filed under, or else all."""
-        named = map(self._known, re.findall(AGENT, self["agents"])) if "agents" in self else self._filed
-        return self.several(tuple(dict.fromkeys(named)) or self.vocabulary.agents)
+        """The agents that the sentence names; without any, those it is listed under, or else all."""
+        agents = (
+            map(self._agent_number, re.findall(AGENT, self["agents"]))
+            if "agents" in self
+            else self._listed_under
+        )
+        return self.require_two(tuple(dict.fromkeys(agents)) or self.vocabulary.agents)
 
     def pair(self) -> tuple[int, int]:
         """The agent of the sentence, and its other agent."""
-        one, other = self.several((self.agent(), self.agent("other")))
-        return one, other
+        agent, other = self.require_two((self.agent(), self.agent("other")))
+        return agent, other
 
-    def several(self, agents: tuple[int, ...]) -> tuple[int, ...]:
+    def require_two(self, agents: tuple[int, ...]) -> tuple[int, ...]:
         if len(set(agents)) < 2:
-            named = ", ".join(map(agent_name, dict.fromkeys(agents)))
-            raise self.refused(f"needs two different agents; it names {named or 'none'}")
+            names = ", ".join(map(agent_name, dict.fromkeys(agents)))
+            raise self.error(f"needs two different agents; it names {names or 'none'}")
         return agents
 
     def object(self, key: str = "") -> str:
-        return self.vocabulary.object(object_name(self._part("object", key)), self._where)
+        return self.vocabulary.object(object_name(self._group("object", key)), self._context)
 
     def point(self, name: str) -> str:
-        return self.vocabulary.point(name, self["point"], self._where)
+        return self.vocabulary.point(name, self["point"], self._context)
 
     def verb(self, key: str = "", contact: bool = False) -> str | None:
         """The subgoal verb that a word stands for; None where the sentence has none.
@@ -186,11 +194,11 @@ class Words:
         """
         if (word := self._parts.get(f"{key}_verb" if key else "verb")) is None:
             return None
-        verb = next(verb for verb in VERBS.values() if word in verb.said)
-        if narrow := verb.narrowed(word):
+        verb = next(verb for verb in VERBS.values() if word in verb.all_forms)
+        if synonym := verb.ambiguous_synonym(word):
             name = self.object(key)
-            if name.lower().rpartition("_")[2] != narrow.of and not (contact and narrow.contact):
-                raise self.refused(narrow.otherwise.format(object=name))
+            if name.lower().rpartition("_")[2] != synonym.object_suffix and not (contact and synonym.contact):
+                raise self.error(synonym.advice.format(object=name))
         return verb.name
 
     def direction(self) -> str:
@@ -205,10 +213,10 @@ class Words:
 
     def event(self, key: str = "") -> Event:
         if (f"{key}_surface" if key else "surface") in self:
-            name, surface = self.object(key), object_name(self._part("surface", key))
-            surface = surface if surface == TABLE else self.vocabulary.object(surface, self._where)
+            name, surface = self.object(key), object_name(self._group("surface", key))
+            surface = surface if surface == TABLE else self.vocabulary.object(surface, self._context)
             if name == surface:
-                raise self.refused(f"is not possible: {name} does not lie on itself")
+                raise self.error(f"is not possible: {name} does not lie on itself")
             return LiesOn(name, surface)
         return self.step(key)
 
@@ -225,29 +233,31 @@ class Words:
         if not smallest <= value <= largest:
             unit = "m/s" if part == "speed" else part
             bounds = f"{smallest:g} and {largest:g} {unit}"
-            raise self.refused(f"is not possible: {value:g} {unit} is not between {bounds}")
+            raise self.error(f"is not possible: {value:g} {unit} is not between {bounds}")
         return value
 
     def zone(self) -> tuple[Vector, Vector]:
         """The lowest and the highest corner of a box, m."""
-        corners = [[float(n) + 0.0 for n in re.findall(NUMBER, self[key])] for key in ("low", "high")]
+        corners = [
+            [float(number) + 0.0 for number in re.findall(NUMBER, self[key])] for key in ("low", "high")
+        ]
         if max(abs(value) for corner in corners for value in corner) > ZONE_LIMIT_M:
-            raise self.refused(f"is not possible: zones lie within {ZONE_LIMIT_M:g} m of the origin")
+            raise self.error(f"is not possible: zones lie within {ZONE_LIMIT_M:g} m of the origin")
         (x0, x1), (y0, y1), (z0, z1) = (sorted(pair) for pair in zip(*corners, strict=True))
         if min(x1 - x0, y1 - y0, z1 - z0) < 1e-3:
-            raise self.refused("is not possible: the zone is flat; each side must be at least 1 mm")
+            raise self.error("is not possible: the zone is flat; each side must be at least 1 mm")
         return (x0, y0, z0), (x1, y1, z1)
 
-    def refused(self, why: str) -> ArgumentError:
-        return ArgumentError(f"{self._where} {why}")
+    def error(self, why: str) -> ArgumentError:
+        return ArgumentError(f"{self._context} {why}")
 
-    def _part(self, name: str, key: str) -> str:
+    def _group(self, name: str, key: str) -> str:
         return self._parts[f"{key}_{name}" if key else name]
 
-    def _known(self, agent: str) -> int:
-        if agent == ANYBODYS:
-            return ANYBODY
-        return self.vocabulary.agent(int(agent.removeprefix("agent_")), self._where)
+    def _agent_number(self, agent: str) -> int:
+        if agent == ANY_AGENT_TOKEN:
+            return ANY_AGENT
+        return self.vocabulary.agent(int(agent.removeprefix("agent_")), self._context)
 
 
 _KINDS: list[type["Statement"]] = []
@@ -280,30 +290,30 @@ class Statement(ABC):
     @property
     def names(self) -> Names:
         """The objects that it names, each with an interaction point where it names one."""
-        named, parts = getattr(self, "object", None), vars(self).values()
-        own = ((named, None),) if named else ()
-        return *own, *(name for part in parts if isinstance(part, Event) for name in part.names)
+        own_object, parts = getattr(self, "object", None), vars(self).values()
+        own_names = ((own_object, None),) if own_object else ()
+        return *own_names, *(name for part in parts if isinstance(part, Event) for name in part.names)
 
     @classmethod
-    def reading(cls, words: Words) -> "Statement":
+    def from_words(cls, words: Words) -> "Statement":
         """The statement of the words of a matched pattern. Raises ArgumentError where they make none."""
         raise NotImplementedError(f"{cls.__name__} does not say how its patterns are read")
 
-    def known_in(self, vocabulary: Vocabulary) -> Self:
+    def checked_against(self, vocabulary: Vocabulary) -> Self:
         """Itself. Raises ArgumentError for an agent, object or point that the vocabulary does not have."""
-        where = f"constraint {self.sentence!r}"
+        context = f"constraint {self.sentence!r}"
         for agent in self.agents:
-            if agent != ANYBODY:
-                vocabulary.agent(agent, where)
+            if agent != ANY_AGENT:
+                vocabulary.agent(agent, context)
         for name, point in self.names:
-            vocabulary.object(name, where)
+            vocabulary.object(name, context)
             if point is not None:
-                vocabulary.point(name, point, where)
+                vocabulary.point(name, point, context)
         return self
 
 
 @dataclass(frozen=True)
-class OfAgent(Statement):
+class OneAgentStatement(Statement):
     """A statement about one agent."""
 
     agent: int
@@ -313,12 +323,12 @@ class OfAgent(Statement):
         return (self.agent, *super().agents)
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         return cls(words.agent())
 
 
 @dataclass(frozen=True)
-class OfAgents(Statement):
+class MultiAgentStatement(Statement):
     """A statement about several agents."""
 
     who: tuple[int, ...]
@@ -328,7 +338,7 @@ class OfAgents(Statement):
         return self.who
 
     @classmethod
-    def reading(cls, words: Words) -> Statement:
+    def from_words(cls, words: Words) -> Statement:
         return cls(words.agents())
 
 
@@ -343,5 +353,5 @@ class Proposal:
     subgoals: tuple[Subgoal, ...]  # in the order of the plan; an agent's own are serial
     constraints: tuple[Statement, ...]
 
-    def of(self, agent: int) -> tuple[Subgoal, ...]:
+    def subgoals_of(self, agent: int) -> tuple[Subgoal, ...]:
         return tuple(subgoal for subgoal in self.subgoals if subgoal.agent == agent)

@@ -21,11 +21,11 @@ from rf_exp.statements.language.verbs import VERBS
 
 Vector = tuple[float, float, float]
 Quantity = Literal["m", "s", "deg", "speed"]
-Worth = tuple[float, float]  # (times, per): a number in the unit times `times / per` is in the base unit
+UnitScale = tuple[float, float]  # (times, per): a number in the unit times `times / per` is in the base unit
 
 
-def _listed(table: Mapping[str, Worth]) -> dict[str, Worth]:
-    return {unit: worth for units, worth in table.items() for unit in units.split()}
+def _by_unit(table: Mapping[str, UnitScale]) -> dict[str, UnitScale]:
+    return {unit: scale for units, scale in table.items() for unit in units.split()}
 
 
 _LENGTHS = {
@@ -38,13 +38,15 @@ _TIMES = {
     "ms millisecond milliseconds": (1, 1000),
     "min mins minute minutes": (60, 1),
 }
-UNITS: Mapping[Quantity, Mapping[str, Worth]] = {  # how they are written: both spellings, singular and plural
-    "m": _listed(_LENGTHS),
-    "s": _listed(_TIMES),
-    "deg": _listed({"deg degree degrees \u00b0": (1, 1), "rad radian radians": (180, pi)}),
+UNITS: Mapping[
+    Quantity, Mapping[str, UnitScale]
+] = {  # how they are written: both spellings, singular and plural
+    "m": _by_unit(_LENGTHS),
+    "s": _by_unit(_TIMES),
+    "deg": _by_unit({"deg degree degrees \u00b0": (1, 1), "rad radian radians": (180, pi)}),
     "speed": {
-        f"{unit}{per}{second}": worth
-        for unit, worth in _listed(_LENGTHS).items()
+        f"{unit}{per}{second}": scale
+        for unit, scale in _by_unit(_LENGTHS).items()
         for per in ("/", " / ", " per ")
         for second in ("s", "sec", "second")
     },
@@ -70,8 +72,8 @@ _NO_NOUN = (
 )
 _NOUN = rf"(?!(?:{_NO_NOUN})\b)\w+"
 _NAME = rf"(?:(?:the|an?|its) )?{_NOUN}(?: {_NOUN})?"
-ANYBODYS = "agent_any"  # in place of a numbered agent
-AGENT = rf"(?:agent_\d{{1,3}}|{ANYBODYS})"
+ANY_AGENT_TOKEN = "agent_any"  # in place of a numbered agent
+AGENT = rf"(?:agent_\d{{1,3}}|{ANY_AGENT_TOKEN})"
 
 _TOKENS: Mapping[str, str] = {
     "agent": rf"(?P<KEYagent>{AGENT})",
@@ -139,43 +141,46 @@ _TOKENS: Mapping[str, str] = {
 _TOKEN = re.compile(r"\{(in turn|collide with|\w+)(?: (\w*))?\}")
 
 
-def compiled(notation: str) -> re.Pattern[str]:
-    """The pattern of a notation. Groups are numbered: one may be in two alternatives; `found` undoes it."""
-    return _compiled(notation, tuple(VERBS))
+def compile_pattern(notation: str) -> re.Pattern[str]:
+    """The pattern of a notation.
+
+    Groups are numbered, as one may be in two alternatives; `matched_groups` undoes it.
+    """
+    return _compile_pattern(notation, tuple(VERBS))
 
 
 @cache
-def _compiled(notation: str, verbs: tuple[str, ...]) -> re.Pattern[str]:
-    known = [VERBS[name] for name in verbs]
-    forms = [forms for verb in known for forms in verb.forms]
-    meeting = [forms for verb in known if verb.is_contact for forms in verb.forms]
+def _compile_pattern(notation: str, verbs: tuple[str, ...]) -> re.Pattern[str]:
+    all_verbs = [VERBS[name] for name in verbs]
+    forms = [forms for verb in all_verbs for forms in verb.forms]
+    contact_forms = [forms for verb in all_verbs if verb.is_contact for forms in verb.forms]
     tokens = {
         **_TOKENS,
-        "verb": _any_verb(word for verb in known for word in verb.finite),
-        "does": _any_verb(word for each in forms for word in each[:2]),
-        "participle": _any_verb(each[3] for each in forms),
-        "meets": _any_verb(word for each in meeting for word in each[:2]),
-        "doing": _any_verb(each[4] for each in forms),
+        "verb": _any_verb(word for verb in all_verbs for word in verb.finite_forms),
+        "does": _any_verb(word for verb_forms in forms for word in verb_forms[:2]),
+        "participle": _any_verb(verb_forms[3] for verb_forms in forms),
+        "meets": _any_verb(word for verb_forms in contact_forms for word in verb_forms[:2]),
+        "doing": _any_verb(verb_forms[4] for verb_forms in forms),
     }
 
-    def expanded(token: re.Match[str]) -> str:
+    def expand(token: re.Match[str]) -> str:
         name, key = token.groups()
         if name not in tokens:
             raise ArgumentError(
                 f"no token {name!r} in the notation of patterns; available: {', '.join(tokens)}"
             )
         inner = tokens[name].replace(" KEY}", f" {key}}}" if key else "}")
-        return _TOKEN.sub(expanded, inner).replace("KEY", f"{key}_" if key else "")
+        return _TOKEN.sub(expand, inner).replace("KEY", f"{key}_" if key else "")
 
-    parts, whole = count(), _TOKEN.sub(expanded, notation)
-    return re.compile(re.sub(r"\(\?P<(\w+)>", lambda group: f"(?P<{group[1]}__{next(parts)}>", whole))
+    parts, pattern = count(), _TOKEN.sub(expand, notation)
+    return re.compile(re.sub(r"\(\?P<(\w+)>", lambda group: f"(?P<{group[1]}__{next(parts)}>", pattern))
 
 
 def _any_verb(words: Iterable[str]) -> str:
     return f"(?P<KEYverb>{alternatives(set(words))})"
 
 
-def found(match: re.Match[str]) -> dict[str, str]:
+def matched_groups(match: re.Match[str]) -> dict[str, str]:
     return {name.partition("__")[0]: value for name, value in match.groupdict().items() if value is not None}
 
 

@@ -23,12 +23,12 @@ PARTS: Mapping[Part, str] = {  # part -> its place in the form of a subgoal
 
 
 @dataclass(frozen=True)
-class Narrow:
+class AmbiguousSynonym:
     """A synonym that means its verb only in some sentences; others are refused."""
 
     word: str  # its five forms, as in `Verb.words`
-    otherwise: str  # for the error: why it is not clear for {object}, and what to write instead
-    of: str = ""  # it means the verb for objects of this name, such as lid or pot_lid
+    advice: str  # for the error: why it is not clear for {object}, and what to write instead
+    object_suffix: str = ""  # it means the verb for objects of this name, such as lid or pot_lid
     contact: bool = False  # it means the verb where a sentence gives a point or a direction of contact
 
 
@@ -37,7 +37,7 @@ class Verb:
     """A verb of subgoals.
 
     `words` are its synonyms, the first the verb itself, each as base form, third person, past, past
-    participle and -ing form, with underscores for spaces. `narrow` ones mean it only in some sentences.
+    participle and -ing form, with underscores for spaces. `ambiguous` ones mean it only in some sentences.
     """
 
     name: str
@@ -45,43 +45,45 @@ class Verb:
     may_have: tuple[Part, ...] = ()
     meets: str | None = None  # the kind of the interaction points at which it is done
     words: tuple[str, ...] = ()
-    narrow: tuple[Narrow, ...] = ()
+    ambiguous: tuple[AmbiguousSynonym, ...] = ()
 
     def __post_init__(self) -> None:
-        for said in (*self.words, *(each.word for each in self.narrow)):
-            if len(said.split()) != 5:
+        for synonym in (*self.words, *(entry.word for entry in self.ambiguous)):
+            if len(synonym.split()) != 5:
                 raise ArgumentError(
-                    f"verb {self.name!r}: {said!r} has {len(said.split())} forms; expected base, third "
+                    f"verb {self.name!r}: {synonym!r} has {len(synonym.split())} forms; expected base, third "
                     "person, past, past participle and -ing form"
                 )
 
     @property
     def form(self) -> str:
         """How a subgoal with it is written, e.g. `carry OBJECT to TARGET [at POINT] [by H m]`."""
-        said = {part: f"[{said}]" if part in self.may_have else said for part, said in PARTS.items()}
-        return " ".join([self.name, *(said[part] for part in PARTS if part in (*self.needs, *self.may_have))])
+        places = {part: f"[{place}]" if part in self.may_have else place for part, place in PARTS.items()}
+        return " ".join(
+            [self.name, *(places[part] for part in PARTS if part in (*self.needs, *self.may_have))]
+        )
 
     @property
     def is_contact(self) -> bool:
         """Whether a gripper makes contact at an annotated point."""
         return self.meets in CONTACT_KINDS
 
-    def narrowed(self, word: str) -> Narrow | None:
-        """The `Narrow` of a word; None for one that always means the verb."""
-        return next((each for each in self.narrow if word in _forms(each.word)), None)
+    def ambiguous_synonym(self, word: str) -> AmbiguousSynonym | None:
+        """The `AmbiguousSynonym` of a word; None for one that always means the verb."""
+        return next((entry for entry in self.ambiguous if word in _forms(entry.word)), None)
 
     @cached_property
     def forms(self) -> tuple[tuple[str, ...], ...]:
         """The five forms of every synonym."""
-        return tuple(map(_forms, (*self.words, *(each.word for each in self.narrow))))
+        return tuple(map(_forms, (*self.words, *(entry.word for entry in self.ambiguous))))
 
     @property
-    def said(self) -> list[str]:
+    def all_forms(self) -> list[str]:
         """Every form of every synonym."""
         return [form for forms in self.forms for form in forms]
 
     @property
-    def finite(self) -> list[str]:
+    def finite_forms(self) -> list[str]:
         """Every form of every synonym but the -ing forms."""
         return [form for forms in self.forms for form in forms[:4]]
 
@@ -94,8 +96,8 @@ class Verb:
         return self.forms[0][4]
 
 
-def _forms(said: str) -> tuple[str, ...]:
-    return tuple(form.replace("_", " ") for form in said.split())
+def _forms(synonym: str) -> tuple[str, ...]:
+    return tuple(form.replace("_", " ") for form in synonym.split())
 
 
 CONTACT_KINDS = ("grasp", "press", "shut")  # of interaction points that a gripper meets
@@ -106,20 +108,22 @@ VERBS: Mapping[str, Verb] = MappingProxyType(_VERBS)
 
 def add_verb(verb: Verb) -> None:
     """Registers a verb. Raises ArgumentError where its name or a synonym means another one."""
-    taken = {word: known.name for known in _VERBS.values() for word in known.said}
-    for word in (verb.name, *verb.said):
-        if word in taken or word in _VERBS:
+    verb_of_word = {word: other.name for other in _VERBS.values() for word in other.all_forms}
+    for word in (verb.name, *verb.all_forms):
+        if word in verb_of_word or word in _VERBS:
             raise ArgumentError(
-                f"verb {verb.name!r}: {word!r} is a word for {taken.get(word, word)!r} already"
+                f"verb {verb.name!r}: {word!r} is a word for {verb_of_word.get(word, word)!r} already"
             )
     _VERBS[verb.name] = verb
 
 
-_PICKED = "is not clear: to pick up {object} is to grasp and to lift it; say 'grasp' or 'lift'"
-_TAKEN = "is not clear: to take {object} may be to grasp it or to carry it off; say 'grasp' or 'carry'"
-_OPENED = "is not clear: of a lid, to open is to lift it; say what is lifted in place of {object}"
-_REMOVED = "is not clear: to remove {object} is to take it off and away; say 'lift', 'carry' or 'place'"
-_PUSHED = "is not clear: to push {object} may be to press on it or to shift it; say 'press' for the former"
+_PICK_ADVICE = "is not clear: to pick up {object} is to grasp and to lift it; say 'grasp' or 'lift'"
+_TAKE_ADVICE = "is not clear: to take {object} may be to grasp it or to carry it off; say 'grasp' or 'carry'"
+_OPEN_ADVICE = "is not clear: of a lid, to open is to lift it; say what is lifted in place of {object}"
+_REMOVE_ADVICE = "is not clear: to remove {object} is to take it off and away; say 'lift', 'carry' or 'place'"
+_PUSH_ADVICE = (
+    "is not clear: to push {object} may be to press on it or to shift it; say 'press' for the former"
+)
 
 for _verb in (
     Verb(
@@ -132,10 +136,10 @@ for _verb in (
             "grab grabs grabbed grabbed grabbing",
             "seize seizes seized seized seizing",
         ),
-        narrow=(
-            Narrow("pick picks picked picked picking", _PICKED, contact=True),
-            Narrow("pick_up picks_up picked_up picked_up picking_up", _PICKED, contact=True),
-            Narrow("take takes took taken taking", _TAKEN, contact=True),
+        ambiguous=(
+            AmbiguousSynonym("pick picks picked picked picking", _PICK_ADVICE, contact=True),
+            AmbiguousSynonym("pick_up picks_up picked_up picked_up picking_up", _PICK_ADVICE, contact=True),
+            AmbiguousSynonym("take takes took taken taking", _TAKE_ADVICE, contact=True),
         ),
     ),
     Verb(
@@ -147,9 +151,9 @@ for _verb in (
             "raise raises raised raised raising",
             "elevate elevates elevated elevated elevating",
         ),
-        narrow=(
-            Narrow("open opens opened opened opening", _OPENED, of="lid"),
-            Narrow("remove removes removed removed removing", _REMOVED),
+        ambiguous=(
+            AmbiguousSynonym("open opens opened opened opening", _OPEN_ADVICE, object_suffix="lid"),
+            AmbiguousSynonym("remove removes removed removed removing", _REMOVE_ADVICE),
         ),
     ),
     Verb(
@@ -195,7 +199,7 @@ for _verb in (
         needs=("object", "point"),
         meets="press",
         words=("press presses pressed pressed pressing", "click clicks clicked clicked clicking"),
-        narrow=(Narrow("push pushes pushed pushed pushing", _PUSHED, contact=True),),
+        ambiguous=(AmbiguousSynonym("push pushes pushed pushed pushing", _PUSH_ADVICE, contact=True),),
     ),
     Verb(
         "shut",

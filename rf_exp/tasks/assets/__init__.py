@@ -9,9 +9,9 @@ from functools import cache, partial
 from importlib import import_module
 from pkgutil import iter_modules
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.tasks.assets.asset.base import Asset, Colour, Hinge, InteractionPoint, Part, convex_pieces
-from rf_exp.tasks.assets.asset.released import released, seat_m
+from rf_exp.tasks.assets.asset.released import release_sources, seat_m
 
 __all__ = [
     "Asset",
@@ -22,16 +22,16 @@ __all__ = [
     "available",
     "convex_pieces",
     "load",
-    "released",
+    "release_sources",
     "seat_m",
 ]
 
-_MACHINERY = ("__main__", "asset")
+_NOT_ASSETS = ("__main__", "asset")
 
 
 def available() -> tuple[str, ...]:
     """Names of the built-in assets."""
-    return tuple(module.name for module in iter_modules(__path__) if module.name not in _MACHINERY)
+    return tuple(module.name for module in iter_modules(__path__) if module.name not in _NOT_ASSETS)
 
 
 def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
@@ -49,7 +49,7 @@ def _load(name: str, options: tuple[tuple[str, object], ...]) -> Asset:
     if name.endswith((".yaml", ".yml")):
         build = partial(import_module(f"{__name__}.asset.mesh").build, name)
     elif "." not in name and name not in available():
-        raise choices("asset", name, available())
+        raise unknown_choice("asset", name, available())
     else:
         try:
             build = import_module(name if "." in name else f"{__name__}.{name}").build

@@ -12,22 +12,22 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from rf_exp.errors import ArgumentError
-from rf_exp.progress import complaints, console
+from rf_exp.progress import console, error_console
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.assets.asset import mesh
 
 
-def scene(asset: Asset) -> trimesh.Scene:
+def visible_scene(asset: Asset) -> trimesh.Scene:
     """The visible parts of an asset as a scene of coloured meshes."""
-    made = trimesh.Scene()
+    meshes = trimesh.Scene()
     for part in asset.parts:
-        if part.seen:
+        if part.visible:
             material = PBRMaterial(baseColorFactor=[*part.colour, 1.0])
             mesh = trimesh.Trimesh(part.mesh.vertices, part.mesh.faces, process=False)
             mesh.visual = TextureVisuals(material=material)
-            made.add_geometry(mesh)
-    return made
+            meshes.add_geometry(mesh)
+    return meshes
 
 
 def main() -> int:
@@ -40,10 +40,10 @@ def main() -> int:
     try:
         asset = assets.load(arguments.asset)
     except ArgumentError as error:
-        complaints.print(str(error))
+        error_console.print(str(error))
         return 2
     if arguments.mesh:
-        scene(asset).export(arguments.mesh)
+        visible_scene(asset).export(arguments.mesh)
     name = arguments.mesh.name if arguments.mesh else f"{arguments.asset}.glb"
     console.print(mesh.write(asset, name), end="")
     return 0

@@ -11,7 +11,7 @@ BOTTOM_M, TOP_M = 0.046, 0.096  # of the board
 GRIP_X_M, GRIP_Z_M = 0.222, 0.074
 FOOT_X_M, FOOT_LENGTH_M, FOOT_HEIGHT_M = 0.13, 0.16, 0.016
 HEAVIEST_KG = 9.5  # of steel; two grippers that lift together lose 10.5 kg
-STRIPES, SLANT_M, PROUD_M = 5, 0.03, 0.0005  # stripes stand proud of the board to avoid z-fighting
+STRIPES, SLANT_M, VISUAL_OFFSET_M = 5, 0.03, 0.0005  # stripes stand proud of the board to avoid z-fighting
 
 WHITE, RED, STEEL = (0.85, 0.84, 0.80), (0.72, 0.04, 0.03), (0.10, 0.11, 0.13)
 
@@ -50,7 +50,7 @@ def _stripe(x_m: float, half_width_m: float) -> Part:
     corners = [
         (x_m + side * half_width_m + slant, y, z)
         for side in (-1, 1)
-        for z, slant in ((BOTTOM_M - PROUD_M, -SLANT_M / 2), (TOP_M + PROUD_M, SLANT_M / 2))
-        for y in (-THICKNESS_M / 2 - PROUD_M, THICKNESS_M / 2 + PROUD_M)
+        for z, slant in ((BOTTOM_M - VISUAL_OFFSET_M, -SLANT_M / 2), (TOP_M + VISUAL_OFFSET_M, SLANT_M / 2))
+        for y in (-THICKNESS_M / 2 - VISUAL_OFFSET_M, THICKNESS_M / 2 + VISUAL_OFFSET_M)
     ]
     return Part.hull(np.array(corners), RED, solid=False)

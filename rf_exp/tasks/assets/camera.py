@@ -19,7 +19,7 @@ HANDLE_Z_M, HANDLE_HALF_M, CHAMFER_M = (0.020, 0.080), 0.012, 0.015  # the palm 
 GRIP_Y_M, GRIP_Z_M = 0.125, 0.050
 SLANT = np.sqrt(0.5)  # sine and cosine of 45 deg
 PRESS_M = 0.005  # TCP above the button: closed fingertips, 10 mm beyond the TCP, push 5 mm down
-SHOWN_M = 0.0008  # how far visual parts stand out of the body
+VISUAL_OFFSET_M = 0.0008  # how far visual parts stand out of the body
 
 LEATHER, SILVER, RUBBER = (0.035, 0.032, 0.035), (0.55, 0.56, 0.58), (0.02, 0.02, 0.022)
 GLASS, FLASH, RED = (0.02, 0.05, 0.14), (0.80, 0.80, 0.72), (0.75, 0.02, 0.02)
@@ -58,9 +58,16 @@ def _lens() -> tuple[Part, Part, Part, Part]:
     front_m = BODY_HALF_M[0] + LENS_M
     return (
         _along_x(LENS_RADIUS_M, BODY_HALF_M[0], front_m, RUBBER),
-        _along_x(LENS_RADIUS_M + SHOWN_M, front_m - 0.012, front_m - 0.006, SILVER, solid=False),
-        _along_x(0.80 * LENS_RADIUS_M, front_m - 0.002, front_m + SHOWN_M / 2, SILVER, solid=False),
-        _along_x(0.70 * LENS_RADIUS_M, front_m - 0.002, front_m + SHOWN_M, GLASS, solid=False, roughness=0.1),
+        _along_x(LENS_RADIUS_M + VISUAL_OFFSET_M, front_m - 0.012, front_m - 0.006, SILVER, solid=False),
+        _along_x(0.80 * LENS_RADIUS_M, front_m - 0.002, front_m + VISUAL_OFFSET_M / 2, SILVER, solid=False),
+        _along_x(
+            0.70 * LENS_RADIUS_M,
+            front_m - 0.002,
+            front_m + VISUAL_OFFSET_M,
+            GLASS,
+            solid=False,
+            roughness=0.1,
+        ),
     )
 
 
@@ -90,7 +97,7 @@ def _fittings() -> tuple[Part, ...]:
     front_m, upper_m = BODY_HALF_M[0], TOP_M - BRIGHT_M / 2
 
     def window(x_m: float, y_m: float, half_m: tuple[float, float], colour) -> Part:
-        return Part.box((SHOWN_M, *half_m), transform((x_m, y_m, upper_m)), colour, solid=False)
+        return Part.box((VISUAL_OFFSET_M, *half_m), transform((x_m, y_m, upper_m)), colour, solid=False)
 
     return (
         window(front_m, 0.048, (0.014, 0.008), FLASH),

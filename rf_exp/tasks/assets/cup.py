@@ -19,7 +19,7 @@ INSIDE_Z_M = 0.172  # release height: opening fingers stay 2 cm above the rim
 AROUND = 12  # grasp directions about the stem
 
 GLAZE, BAND = (0.55, 0.50, 0.40), (0.08, 0.22, 0.30)
-BAND_M, PROUD_M = 0.012, 0.0005
+BAND_M, VISUAL_OFFSET_M = 0.012, 0.0005
 
 
 def build() -> Asset:
@@ -31,7 +31,9 @@ def build() -> Asset:
     under = np.concatenate([circle(STEM_RADIUS_M, BOWL_M, angles), circle(OUTER_M, FLOOR_M, angles)])
     bowl = [under, *ring(INNER_M, OUTER_M, FLOOR_M, RIM_M, WALLS)]
     # Visual only: a painted band around the rim, slightly proud of the wall.
-    band = ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, RIM_M - BAND_M, RIM_M + PROUD_M, WALLS)
+    band = ring(
+        INNER_M - VISUAL_OFFSET_M, OUTER_M + VISUAL_OFFSET_M, RIM_M - BAND_M, RIM_M + VISUAL_OFFSET_M, WALLS
+    )
     return Asset(
         "cup",
         parts=(

@@ -10,7 +10,7 @@ FIRST_M, STEP_M = 0.0003, 0.00012  # thickness of the widest ring, and increase 
 
 
 def build(radius_m: float = 0.1) -> Asset:
-    """The target with place point `middle`; a ghost, without collision."""
+    """The target with place point `middle`; rendered, without collision."""
     if radius_m <= 0:
         raise ArgumentError(f"radius_m={radius_m} of a goal; expected more than 0 m")
     rings = []
@@ -21,5 +21,5 @@ def build(radius_m: float = 0.1) -> Asset:
         "goal",
         parts=tuple(rings),
         points={"middle": InteractionPoint(transform(), "place", turns=12)},
-        ghost=True,
+        visual_only=True,
     )

@@ -11,7 +11,7 @@ RADIUS_M, HEIGHT_M = 0.018, 0.060  # of the head
 COLLAR_RADIUS_M, COLLAR_M = 0.0165, 0.036  # painted middle of the head, slightly thinner
 HANDLE_END_M, HANDLE_HALF_M, HANDLE_Z_M = -0.20, (0.011, 0.010), 0.030  # half extents in y and z
 POMMEL_HALF_M = 0.013  # in x and y; the mallet rests on it, level
-WRAP_M, PROUD_M = (-0.135, -0.195), 0.0005  # wrap around the handle, visual only
+WRAP_M, VISUAL_OFFSET_M = (-0.135, -0.195), 0.0005  # wrap around the handle, visual only
 GRIP_X_M = -0.095  # near the centre of mass, so that it hangs level
 
 WOOD, STEEL, YELLOW, BLACK = (0.52, 0.27, 0.09), (0.20, 0.21, 0.23), (0.75, 0.42, 0.02), (0.03, 0.03, 0.03)
@@ -26,7 +26,7 @@ def build() -> Asset:
     ]
     collar = Part.cylinder(COLLAR_RADIUS_M, COLLAR_M, transform((HEAD_X_M, 0, HEIGHT_M / 2)), YELLOW)
     handle = _bar(HEAD_X_M, HANDLE_END_M, 0.0, WOOD)
-    wrap = _bar(*WRAP_M, PROUD_M, BLACK, solid=False)
+    wrap = _bar(*WRAP_M, VISUAL_OFFSET_M, BLACK, solid=False)
     top_m = HANDLE_Z_M + HANDLE_HALF_M[1] + 0.002
     half = (POMMEL_HALF_M, POMMEL_HALF_M, top_m / 2)
     pommel = Part.box(half, transform((HANDLE_END_M, 0, top_m / 2)), BLACK)
@@ -42,7 +42,7 @@ def build() -> Asset:
     )
 
 
-def _bar(from_x_m: float, to_x_m: float, proud_m: float, colour, **keywords) -> Part:
+def _bar(from_x_m: float, to_x_m: float, offset_m: float, colour, **keywords) -> Part:
     """A piece of the handle between two places along it."""
-    half = ((from_x_m - to_x_m) / 2, HANDLE_HALF_M[0] + proud_m, HANDLE_HALF_M[1] + proud_m)
+    half = ((from_x_m - to_x_m) / 2, HANDLE_HALF_M[0] + offset_m, HANDLE_HALF_M[1] + offset_m)
     return Part.box(half, transform(((from_x_m + to_x_m) / 2, 0, HANDLE_Z_M)), colour, **keywords)

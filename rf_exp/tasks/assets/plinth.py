@@ -5,7 +5,7 @@ from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform
 
 STONE, PALE = (0.30, 0.30, 0.29), (0.50, 0.50, 0.47)
-BAND, PROUD_M = 0.16, 0.001  # height of the pale bands as a fraction; visual only
+BAND, VISUAL_OFFSET_M = 0.16, 0.001  # height of the pale bands as a fraction; visual only
 
 
 def build(half_m: float = 0.06) -> Asset:
@@ -15,8 +15,13 @@ def build(half_m: float = 0.06) -> Asset:
     height_m = 2 * half_m
     thick_m = BAND * height_m / 2
     bands = [
-        Part.box((half_m + PROUD_M, half_m + PROUD_M, thick_m), transform((0, 0, z)), PALE, solid=False)
-        for z in (thick_m, height_m - PROUD_M - thick_m)  # the top stays flat
+        Part.box(
+            (half_m + VISUAL_OFFSET_M, half_m + VISUAL_OFFSET_M, thick_m),
+            transform((0, 0, z)),
+            PALE,
+            solid=False,
+        )
+        for z in (thick_m, height_m - VISUAL_OFFSET_M - thick_m)  # the top stays flat
     ]
     return Asset(
         "plinth",

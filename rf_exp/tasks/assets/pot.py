@@ -14,7 +14,7 @@ PLUG_M = 0.008  # depth of the lid's plug inside the pot
 INSIDE_Z_M = 0.052  # release height: the gripper stays above the rim, the food falls 4 cm
 
 ENAMEL, RIM, IRON = (0.10, 0.24, 0.42), (0.55, 0.58, 0.62), (0.05, 0.05, 0.06)
-RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
+RIM_HEIGHT_M, VISUAL_OFFSET_M = 0.006, 0.0005
 # Two objects side by side: offset from the middle, and release height with the gripper above the rim.
 SPOT_M, OVER_M = 0.042, 0.088
 
@@ -35,7 +35,13 @@ def build(spots: int = 1, closes: bool = False) -> Asset:
         for side in (-1, 1)
     ]
     # Visual only: a bright rim, slightly proud of the wall.
-    band = ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M, WALLS)
+    band = ring(
+        INNER_M - VISUAL_OFFSET_M,
+        OUTER_M + VISUAL_OFFSET_M,
+        HEIGHT_M - RIM_HEIGHT_M,
+        HEIGHT_M + VISUAL_OFFSET_M,
+        WALLS,
+    )
     rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
     inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, turns=8, slack_m=0.03)
     points = {"inside": inside}

@@ -9,7 +9,7 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import choices
+from rf_exp.errors import unknown_choice
 from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part
 from rf_exp.transforms import from_axes
 
@@ -21,7 +21,7 @@ GRIP_X_M, GRIP_Z_M, TIP_DEG = 0.002, 0.066, 45.0
 INSOLE_M = 0.014  # above the sole
 HEEL_CENTRE_M, HEEL_OUTER_M, WALL_M = -0.050, (0.044, 0.032), 0.007  # an ellipse: half axes along x, y
 HEEL_WALLS = 6
-PROUD_M = 0.0006
+VISUAL_OFFSET_M = 0.0006
 BENT_M = 0.012  # inward bend of the toe, from the waist on, for one shoe of a pair
 
 RED, DARK, WHITE, LACE = (0.60, 0.05, 0.03), (0.05, 0.03, 0.03), (0.82, 0.80, 0.76), (0.90, 0.88, 0.80)
@@ -35,7 +35,7 @@ def build(foot: str | None = None) -> Asset:
     Raises ArgumentError for a foot that does not exist.
     """
     if foot is not None and foot not in FEET:
-        raise choices("foot of a shoe", foot, FEET)
+        raise unknown_choice("foot of a shoe", foot, FEET)
     parts = (_sole(), _insole(), *_heel(), _waist(), _tongue(), _vamp(), _cap(), *_laces(), *_stripes())
     return Asset(
         "shoe",
@@ -99,7 +99,7 @@ def _heel() -> list[Part]:
     ends, across = (HEEL_CENTRE_M, WAIST_M[0] + 0.004), (HEEL_OUTER_M[1] - WALL_M, HEEL_OUTER_M[1])
     pieces += [[(x, side * y) for x, y in product(ends, across)] for side in (-1, 1)]
     corners = [np.array([(x, y, z) for (x, y), z in product(piece, (SOLE_M, HEEL_M))]) for piece in pieces]
-    return [Part.hull(each, RED) for each in corners]
+    return [Part.hull(vertices, RED) for vertices in corners]
 
 
 def _waist() -> Part:
@@ -144,7 +144,7 @@ def _laces() -> list[Part]:
 
 def _stripes() -> list[Part]:
     """Two slanted white stripes on either side of the waist, visual only."""
-    half, ends, stripes = WAIST_HALF_M + PROUD_M, ((SOLE_M + 0.002, 0.012), (0.058, 0.0)), []
+    half, ends, stripes = WAIST_HALF_M + VISUAL_OFFSET_M, ((SOLE_M + 0.002, 0.012), (0.058, 0.0)), []
     for x in (-0.014, 0.004):
         corners = product(ends, (0.0, 0.007), (-half, half))
         band = np.array([(x + shift + wide, y, z) for (z, shift), wide, y in corners])

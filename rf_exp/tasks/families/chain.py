@@ -7,7 +7,7 @@ from rf_exp.statements import Before, Proposal, Statement, Step, grasping, keep_
 from rf_exp.tasks import Task
 from rf_exp.tasks.shared import circle
 from rf_exp.tasks.shared.circle import Numbers
-from rf_exp.tasks.shared.placing import brought, left_to_bring
+from rf_exp.tasks.shared.placing import delivered_conditions, undelivered_cubes
 from rf_exp.tasks.shared.relay import deliver, remaining
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
@@ -27,29 +27,29 @@ def layout(
     step_limit: Numbers,
 ) -> dict[str, Any]:
     """Bases on alternating sides of the strip x = 0, objects at the first arm, goals at the last."""
-    side = [(-1) ** arm for arm in range(1, arms + 1)]
+    sides = [(-1) ** arm for arm in range(1, arms + 1)]
     along = [(arm - (arms + 1) / 2) * along_m for arm in range(1, arms + 1)]
     rest = {"rest_rad": circle.REST_RAD}
     robots = [
-        {"x_m": each * across_m, "y_m": y_m, "yaw_deg": 0.0 if each < 0 else 180.0, **rest}
-        for each, y_m in zip(side, along, strict=True)
+        {"x_m": sign * across_m, "y_m": y_m, "yaw_deg": 0.0 if sign < 0 else 180.0, **rest}
+        for sign, y_m in zip(sides, along, strict=True)
     ]
     objects: dict[str, Any] = {}
     for k in range(things):
         y_m = along[-1] + k * goal_m["apart"]
-        x_m = side[-1] * (across_m - goal_m["forward"])
+        x_m = sides[-1] * (across_m - goal_m["forward"])
         objects[f"goal{k + 1}"] = circle.goal_at(x_m, y_m, goal_m["radius"])
     for k in range(things):
-        x_m, y_m = side[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"]
+        x_m, y_m = sides[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"]
         objects[f"cube{k + 1}"] = circle.cube_at(x_m, y_m, start_m["jitter"], k)
     # A longer row needs a more distant and wider view.
     eye_m, fov_deg = [0.4, 0.0, 1.3 + 0.12 * arms], 38.0 + 2.0 * arms
-    seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": fov_deg}}
-    for agent, (each, y_m) in enumerate(zip(side, along, strict=True), start=1):
-        eye_m, target_m = [-0.42 * each, y_m, 0.68], [0.2 * each, y_m, 0.1]
-        seen[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 66.0}
+    cameras: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": fov_deg}}
+    for agent, (sign, y_m) in enumerate(zip(sides, along, strict=True), start=1):
+        eye_m, target_m = [-0.42 * sign, y_m, 0.68], [0.2 * sign, y_m, 0.1]
+        cameras[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 66.0}
     limit = step_limit["first"] + arms * step_limit["each_arm"] + things * step_limit["each_thing"]
-    return {"robots": robots, "objects": objects, "cameras": seen, "step_limit": limit}
+    return {"robots": robots, "objects": objects, "cameras": cameras, "step_limit": limit}
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
@@ -64,12 +64,12 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Pass on each object from its present place; a stop takes the next one once the last one has left it."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    under_way = left_to_bring(scene, task)
-    chains = {cube: remaining(scene, task, cube, task.agents) for cube in under_way}
-    for cube, goal in under_way.items():
-        steps, stated = deliver(cube, chains[cube], goal)
-        subgoals, constraints = subgoals + steps, constraints + stated
-    for first, then in pairwise(under_way):
+    remaining_goals = undelivered_cubes(scene, task)
+    chains = {cube: remaining(scene, task, cube, task.agents) for cube in remaining_goals}
+    for cube, goal in remaining_goals.items():
+        steps, delivery_constraints = deliver(cube, chains[cube], goal)
+        subgoals, constraints = subgoals + steps, constraints + delivery_constraints
+    for first, then in pairwise(remaining_goals):
         for giver, taker in pairwise(chains[then]):
             if taker in chains[first]:
                 constraints.append(Before(Step(taker, "grasp", first), Step(giver, "place", then)))
@@ -80,4 +80,4 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each object is on its goal, upright, released and at rest."""
-    return brought(scene, task, "things on their goals")
+    return delivered_conditions(scene, task, "things on their goals")

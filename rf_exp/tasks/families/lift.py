@@ -27,7 +27,11 @@ def layout(
         "yaw_deg": [-jitter_deg, jitter_deg],
     }
     frame = {"asset": "frame", "options": {"grips": arms}, **ranges}
-    return {**circle.around(arms, radius_m), "objects": {"frame": frame}, "step_limit": step_limit}
+    return {
+        **circle.robots_and_cameras(arms, radius_m),
+        "objects": {"frame": frame},
+        "step_limit": step_limit,
+    }
 
 
 def plan(scene: Scene, task: Task) -> Proposal:

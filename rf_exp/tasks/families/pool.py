@@ -9,8 +9,8 @@ from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import holders
 from rf_exp.tasks.shared import circle
 from rf_exp.tasks.shared.circle import Numbers
-from rf_exp.tasks.shared.placing import brought, fetch, left_to_bring
-from rf_exp.types import ANYBODY, Condition, Scene, Subgoal
+from rf_exp.tasks.shared.placing import delivered_conditions, pick_and_place, undelivered_cubes
+from rf_exp.types import ANY_AGENT, Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -30,18 +30,18 @@ def layout(
         x_m, y_m = (float(start["radius_m"] * along(angle)) for along in (np.cos, np.sin))
         objects[f"cube{k}"] = circle.cube_at(x_m, y_m, start["jitter_m"], k)
     limit = step_limit["first"] + things * step_limit["each_thing"]
-    return {**circle.around(arms, radius_m), "objects": objects, "step_limit": limit}
+    return {**circle.robots_and_cameras(arms, radius_m), "objects": objects, "step_limit": limit}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """Any agent brings each object to its goal; one that already holds an object keeps it."""
     subgoals: list[Subgoal] = []
-    for cube, goal in left_to_bring(scene, task).items():
-        agent, *_ = (*holders(scene, cube), ANYBODY)
-        subgoals += fetch(agent, cube, goal, "middle")
+    for cube, goal in undelivered_cubes(scene, task).items():
+        agent, *_ = (*holders(scene, cube), ANY_AGENT)
+        subgoals += pick_and_place(agent, cube, goal, "middle")
     return Proposal(tuple(subgoals), (*grasping(subgoals), *keep_clear(task.agents)) if subgoals else ())
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each object is on its goal, upright, released and at rest."""
-    return brought(scene, task, "things on their goals")
+    return delivered_conditions(scene, task, "things on their goals")

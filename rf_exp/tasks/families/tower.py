@@ -34,12 +34,13 @@ def layout(
     for k, arm in product(range(things), range(1, arms + 1)):
         objects[f"cube{arm}_{k + 1}"] = circle.cube(arm, arms, k, things, radius_m, **start)
     limit = step_limit["first"] + arms * things * step_limit["each"]
-    return {**circle.around(arms, radius_m), "objects": objects, "step_limit": limit}
+    return {**circle.robots_and_cameras(arms, radius_m), "objects": objects, "step_limit": limit}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """All arms fetch their cubes; each is placed once the one below it is in place."""
-    return stacking.plan(scene, task, {name: circle.owner(name) for name in task.objects if name != "goal"})
+    cubes = (name for name in task.objects if name != "goal")
+    return stacking.plan(scene, task, {name: circle.agent_of_object(name) for name in cubes})
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:

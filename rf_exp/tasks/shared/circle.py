@@ -25,7 +25,9 @@ def angle_rad(arm: int, arms: int) -> float:
     return 2 * np.pi * (arm - 1) / arms - np.pi / 2
 
 
-def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float = 0.0) -> dict[str, Any]:
+def in_front_of_arm(
+    arm: int, arms: int, radius_m: float, forward_m: float, left_m: float = 0.0
+) -> dict[str, Any]:
     """World x and y of a position before an arm, and the yaw of the arm's base."""
     angle = angle_rad(arm, arms)
     base = planar(radius_m * np.cos(angle), radius_m * np.sin(angle), angle + np.pi)
@@ -36,7 +38,7 @@ def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float
 
 def robots(arms: int, radius_m: float) -> list[dict[str, Any]]:
     """Robots evenly spaced on a circle."""
-    return [{**before(arm, arms, radius_m, 0.0), "rest_rad": REST_RAD} for arm in range(1, arms + 1)]
+    return [{**in_front_of_arm(arm, arms, radius_m, 0.0), "rest_rad": REST_RAD} for arm in range(1, arms + 1)]
 
 
 def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
@@ -44,15 +46,15 @@ def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
     angle = -np.pi / 2 + np.pi / max(arms, 2)
     out_m, up_m = GLOBAL["out_m"], GLOBAL["up_m"]
     eye_m = (out_m * np.cos(angle), out_m * np.sin(angle), up_m)
-    seen: dict[str, Any] = {"global": _camera(eye_m, (0.0, 0.0, 0.1), GLOBAL["fov_deg"])}
+    views: dict[str, Any] = {"global": _camera(eye_m, (0.0, 0.0, 0.1), GLOBAL["fov_deg"])}
     for arm in range(1, arms + 1):
-        eye, target = (before(arm, arms, radius_m, *at[:2]) for at in (EYE_M, TARGET_M))
+        eye, target = (in_front_of_arm(arm, arms, radius_m, *at[:2]) for at in (EYE_M, TARGET_M))
         eye_m, target_m = (eye["x_m"], eye["y_m"], EYE_M[2]), (target["x_m"], target["y_m"], TARGET_M[2])
-        seen[f"agent{arm}"] = _camera(eye_m, target_m, FOV_DEG)
-    return seen
+        views[f"agent{arm}"] = _camera(eye_m, target_m, FOV_DEG)
+    return views
 
 
-def around(arms: int, radius_m: float) -> dict[str, Any]:
+def robots_and_cameras(arms: int, radius_m: float) -> dict[str, Any]:
     """Robots and cameras of a task."""
     return {"robots": robots(arms, radius_m), "cameras": cameras(arms, radius_m)}
 
@@ -68,14 +70,14 @@ def cube(
     jitter_m: float,
 ) -> dict[str, Any]:
     """The k-th cube (0-based) of a row before an arm, at most `jitter_m` / `things`^2 off its place."""
-    placed = before(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
+    position = in_front_of_arm(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
     # Less jitter in a longer row: the gaps between cubes leave little space for fingers.
-    return cube_at(placed["x_m"], placed["y_m"], jitter_m / things**2, arm + k - 1)
+    return cube_at(position["x_m"], position["y_m"], jitter_m / things**2, arm + k - 1)
 
 
-def cube_at(x_m: float, y_m: float, off_m: float, colour: int) -> dict[str, Any]:
-    """A cube that starts at most `off_m` off a place along x and y, at any yaw."""
-    ranges = {"x_m": [x_m - off_m, x_m + off_m], "y_m": [y_m - off_m, y_m + off_m]}
+def cube_at(x_m: float, y_m: float, jitter_m: float, colour: int) -> dict[str, Any]:
+    """A cube that starts at most `jitter_m` off a place along x and y, at any yaw."""
+    ranges = {"x_m": [x_m - jitter_m, x_m + jitter_m], "y_m": [y_m - jitter_m, y_m + jitter_m]}
     options = {"colour": COLOURS[colour % len(COLOURS)]}
     return {"asset": "cube", "options": options, **ranges, "yaw_deg": [-180.0, 180.0]}
 
@@ -85,11 +87,11 @@ def goal_at(x_m: float, y_m: float, radius_m: float) -> dict[str, Any]:
     return {"asset": "goal", "options": {"radius_m": radius_m}, "x_m": x_m, "y_m": y_m}
 
 
-def owner(name: str) -> int:
+def agent_of_object(name: str) -> int:
     """The agent whose object this is, from its name: 2 for cube2_1."""
     return int(name.lstrip("abcdefghijklmnopqrstuvwxyz").split("_")[0])
 
 
 def _camera(eye_m: tuple, target_m: tuple, fov_deg: float) -> dict[str, Any]:
-    eye, target = ([round(float(each), 6) for each in end] for end in (eye_m, target_m))
+    eye, target = ([round(float(value), 6) for value in point] for point in (eye_m, target_m))
     return {"eye_m": eye, "target_m": target, "fov_deg": fov_deg}

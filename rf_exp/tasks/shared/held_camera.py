@@ -14,16 +14,16 @@ from rf_exp.types import Condition, Scene, Subgoal
 
 LEFT, RIGHT = 1, 2  # agents at the sides of the camera
 GRIPS = {LEFT: "left", RIGHT: "right"}
-MODEL = 3  # agent that holds the steak
-RAISED_M = 0.22  # height of the camera's underside, slightly more than required
-FRONT_M = 0.30  # from the lens to the steak
+STEAK_HOLDER = 3  # agent that holds the steak
+LIFTED_HEIGHT_M = 0.22  # height of the camera's underside, slightly more than required
+STEAK_DISTANCE_M = 0.30  # from the lens to the steak
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
     """`front`: world_from_object (4, 4) of the steak in the middle of the raised camera's view."""
     lens = _lens(scene, task)
-    seen = lens[:3, 3] + FRONT_M * lens[:3, 2]
-    return {"front": transform((*seen[:2], seen[2] + _to_lift_m(scene, task) - _middle_m(task)))}
+    target_m = lens[:3, 3] + STEAK_DISTANCE_M * lens[:3, 2]
+    return {"front": transform((*target_m[:2], target_m[2] + _to_lift_m(scene, task) - _middle_m(task)))}
 
 
 def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
@@ -36,18 +36,18 @@ def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
 
 def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
     """Remaining subgoals until the steak is held on the axis of the lens."""
-    carry = Subgoal(MODEL, "carry", "steak", target="front")
-    if holders(scene, "steak") != (MODEL,):
-        return [Subgoal(MODEL, "grasp", "steak", "center"), carry]
+    carry = Subgoal(STEAK_HOLDER, "carry", "steak", target="front")
+    if holders(scene, "steak") != (STEAK_HOLDER,):
+        return [Subgoal(STEAK_HOLDER, "grasp", "steak", "center"), carry]
     return [] if aim_deg(scene, task) < task.success["aim_deg"] / 2 else [carry]
 
 
 def constraints(subgoals: list[Subgoal]) -> list[Statement]:
     """Constraints: grasp as annotated; both arms lift the camera level and at the same time."""
-    stated = grasping(subgoals)
+    statements = grasping(subgoals)
     if any((subgoal.verb, subgoal.object) == ("lift", "camera") for subgoal in subgoals):
-        stated += [SameHeight((LEFT, RIGHT)), Together((LEFT, RIGHT), "lift", "camera")]
-    return stated
+        statements += [SameHeight((LEFT, RIGHT)), Together((LEFT, RIGHT), "lift", "camera")]
+    return statements
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
@@ -57,7 +57,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
         "camera held by both arms": holders(scene, "camera") == tuple(GRIPS),
         "camera up": above(height_m(scene, "camera"), limits["camera_up_m"], "m"),
         "camera level": upright(scene, "camera", limits["level_deg"]),
-        "steak held": holders(scene, "steak") == (MODEL,),
+        "steak held": holders(scene, "steak") == (STEAK_HOLDER,),
         "steak up": above(height_m(scene, "steak"), limits["steak_up_m"], "m"),
         "camera points at the steak": below(aim_deg(scene, task), limits["aim_deg"], "deg"),
         "at rest": at_rest(scene, ("camera", "steak"), limits),
@@ -82,7 +82,7 @@ def _to_lift_m(scene: Scene, task: Task) -> float:
     up_m = height_m(scene, "camera")
     if up_m > task.success["camera_up_m"] and holders(scene, "camera") == tuple(GRIPS):
         return 0.0
-    return max(RAISED_M - up_m, 0.01)
+    return max(LIFTED_HEIGHT_M - up_m, 0.01)
 
 
 def _lens(scene: Scene, task: Task) -> Matrix:

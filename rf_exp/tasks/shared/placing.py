@@ -6,7 +6,7 @@ from rf_exp.tasks.predicates import every, on_goal, released, set_down
 from rf_exp.types import Condition, Scene, Subgoal
 
 
-def fetch(
+def pick_and_place(
     agent: int, thing: str, target: str, target_point: str | None = None, grip: str = "center"
 ) -> list[Subgoal]:
     """Subgoals to grasp an object at a point and place it."""
@@ -14,9 +14,9 @@ def fetch(
     return [Subgoal(agent, "grasp", thing, grip), place]
 
 
-def in_turn(first: Step, then: Step) -> list[Statement]:
+def in_turn(first: Step, second: Step) -> list[Statement]:
     """One step comes before another, and their agents yield to each other."""
-    return [Before(first, then), ShareSpace((first.agent, then.agent))]
+    return [Before(first, second), ShareSpace((first.agent, second.agent))]
 
 
 def goals(task: Task) -> dict[str, str]:
@@ -24,7 +24,7 @@ def goals(task: Task) -> dict[str, str]:
     return {name: name.replace("cube", "goal") for name in task.objects if name.startswith("cube")}
 
 
-def left_to_bring(scene: Scene, task: Task) -> dict[str, str]:
+def undelivered_cubes(scene: Scene, task: Task) -> dict[str, str]:
     """Cube -> its goal, for the cubes that are not there yet or are still held."""
     return {
         cube: goal
@@ -33,8 +33,8 @@ def left_to_bring(scene: Scene, task: Task) -> dict[str, str]:
     }
 
 
-def brought(scene: Scene, task: Task, named: str) -> dict[str, Condition]:
-    """Conditions that each cube is on its goal (named `named`), upright, released and at rest."""
+def delivered_conditions(scene: Scene, task: Task, condition_name: str) -> dict[str, Condition]:
+    """Conditions that each cube is on its goal (named `condition_name`), upright, released and at rest."""
     pairs = goals(task)
-    there = every(on_goal(scene, cube, goal, task.success) for cube, goal in pairs.items())
-    return {named: there, **set_down(scene, pairs, task.success)}
+    on_goals = every(on_goal(scene, cube, goal, task.success) for cube, goal in pairs.items())
+    return {condition_name: on_goals, **set_down(scene, pairs, task.success)}

@@ -9,24 +9,26 @@ from itertools import pairwise
 from rf_exp.statements import Statement, Step
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import holders, near
-from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.tasks.shared.placing import in_turn, pick_and_place
 from rf_exp.types import Scene, Subgoal
 
 
-def deliver(thing: str, chain: Sequence[int], goal: str) -> tuple[list[Subgoal], list[Statement]]:
+def deliver(name: str, chain: Sequence[int], goal: str) -> tuple[list[Subgoal], list[Statement]]:
     """Each arm puts it down within reach of the next one and yields; the last one puts it on `goal`."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     for agent in chain:
-        subgoals += fetch(agent, thing, goal if agent == chain[-1] else f"stop{agent}")
+        subgoals += pick_and_place(agent, name, goal if agent == chain[-1] else f"stop{agent}")
     for giver, taker in pairwise(chain):
-        constraints += in_turn(Step(giver, "place", thing), Step(taker, "grasp", thing))
+        constraints += in_turn(Step(giver, "place", name), Step(taker, "grasp", name))
     return subgoals, constraints
 
 
-def remaining(scene: Scene, task: Task, thing: str, chain: Sequence[int]) -> Sequence[int]:
+def remaining(scene: Scene, task: Task, name: str, chain: Sequence[int]) -> Sequence[int]:
     """The rest of the chain, from the agent that holds the object, finds it at a stop, or is nearest."""
     places, within_m = task.places(scene), task.success["goal_m"]
-    takers = (then for giver, then in pairwise(chain) if near(scene, thing, places[f"stop{giver}"], within_m))
-    nearest = min(chain, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses[thing][1, 3]))
-    return chain[chain.index(next(iter(holders(scene, thing) or takers), nearest)) :]
+    takers = (
+        taker for giver, taker in pairwise(chain) if near(scene, name, places[f"stop{giver}"], within_m)
+    )
+    nearest = min(chain, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses[name][1, 3]))
+    return chain[chain.index(next(iter(holders(scene, name) or takers), nearest)) :]

@@ -12,12 +12,18 @@ import dacite
 from omegaconf import OmegaConf
 
 from rf_exp.artifacts import plain, read_values
-from rf_exp.errors import ArgumentError, about, choices
+from rf_exp.errors import ArgumentError, error_context, unknown_choice
 from rf_exp.installed import CONF
 from rf_exp.robots import Robot, robot_named
-from rf_exp.tasks.robofactory.borrowed import CAMERAS, RELEASE, Borrowed, unmarked, with_release
-from rf_exp.tasks.task.family import families, is_family, member, parsed
-from rf_exp.tasks.task.robots import Robots, find_robots, parted, with_robots
+from rf_exp.tasks.robofactory.release_parts import (
+    RELEASE,
+    RELEASE_CAMERAS,
+    ReleaseParts,
+    split_marks,
+    with_release,
+)
+from rf_exp.tasks.task.family import families, family_task, is_family, parse_family_name
+from rf_exp.tasks.task.robots import Robots, register_robots, split_robots, with_robots
 from rf_exp.tasks.task.specs import Randomisation
 from rf_exp.tasks.task.start import beyond_table
 from rf_exp.tasks.task.task import Task
@@ -26,7 +32,7 @@ from rf_exp.texts import printable
 
 CONFIGURED = CONF / "task"
 VARIATIONS = CONF / "variation"
-LONGEST_WORDS = 2_000  # characters of a text, such as a description
+MAX_TEXT_LENGTH = 2_000  # characters of a text, such as a description
 _KEY = re.compile(r"[A-Za-z][\w-]{0,63}", re.ASCII)
 
 
@@ -41,17 +47,17 @@ def default_of(key: str) -> Any:
     return deepcopy(_defaults()[key])
 
 
-def _range(value: object) -> object:
+def _as_range(value: object) -> object:
     """Turns a single number into a range without width."""
     return [float(value), float(value)] if isinstance(value, int | float) else value
 
 
 _CONFIG = dacite.Config(
-    cast=[tuple], strict=True, type_hooks={tuple[float, float]: _range, Robot: robot_named}
+    cast=[tuple], strict=True, type_hooks={tuple[float, float]: _as_range, Robot: robot_named}
 )
 
 
-def check_words(name: str, node: object, key: str = "") -> None:
+def check_texts(name: str, node: object, key: str = "") -> None:
     """Raises ArgumentError for texts of a task that are not printable, too long, or contain an interpolation.
 
     The texts end up in pages, tables and data that others read, and Hydra could resolve a `${...}` from the
@@ -63,10 +69,10 @@ def check_words(name: str, node: object, key: str = "") -> None:
                 f"task {name!r}: field {key or 'task'} is {printable(node)!r}; nothing is looked up for a "
                 "task, neither in the environment nor in other keys: write the value itself"
             )
-        if len(node) > LONGEST_WORDS or not node.replace("\n", " ").isprintable():
+        if len(node) > MAX_TEXT_LENGTH or not node.replace("\n", " ").isprintable():
             raise ArgumentError(
                 f"task {name!r}: field {key} is {printable(node)!r}, {len(node)} characters; expected "
-                f"at most {LONGEST_WORDS}, all of which can be shown"
+                f"at most {MAX_TEXT_LENGTH}, all of which can be shown"
             )
         return
     if isinstance(node, Mapping):
@@ -76,10 +82,10 @@ def check_words(name: str, node: object, key: str = "") -> None:
                     f"task {name!r}: {printable(repr(inner), 80)} in field {key or 'task'}; expected a "
                     "name: a letter, then letters, digits, '_' and '-', at most 64 of them"
                 )
-            check_words(name, value, f"{key}.{inner}".lstrip("."))
+            check_texts(name, value, f"{key}.{inner}".lstrip("."))
     elif isinstance(node, list | tuple):
         for index, value in enumerate(node):
-            check_words(name, value, f"{key}[{index}]")
+            check_texts(name, value, f"{key}[{index}]")
 
 
 def load_task(
@@ -88,69 +94,69 @@ def load_task(
     arms: int | None = None,
     things: int | None = None,
     robot: Robots | None = None,
-    borrowed: Borrowed | None = None,
+    release_parts: ReleaseParts | None = None,
 ) -> Task:
     """The Task of a mapping of plain Python values: that below the key `<name>` of `conf/task/<name>.yaml`.
 
-    Missing keys of randomisation have the defaults of conf/config.yaml. `arms` and `things` are the
-    counts of a family, which has defaults; `robot` replaces its robots (`robots.py`), and `borrowed` replaces
-    its assets and cameras by those of the authors' release.
+    Missing keys of randomisation have the defaults of conf/config.yaml. `arms` and `things` are the counts of
+    a family, which has defaults; `robot` replaces its robots (`robots.py`), and `release_parts` replaces its
+    assets and cameras by those of the authors' release.
     Raises ArgumentError that names the field for a missing or unknown field and for a wrong type; also for a
     robot or an asset that does not exist, an object relative to one not listed before it, an object that may
     start beyond the table's edge, counts that a family does not allow, and counts for a task that is none.
     """
-    check_words(name, node)
+    check_texts(name, node)
     if is_family(node):
-        with about(f"task {name!r}"):
-            name, node = member(name, node, arms, things)
+        with error_context(f"task {name!r}"):
+            name, node = family_task(name, node, arms, things)
     elif arms is not None or things is not None:
         raise ArgumentError(
             f"task {name!r} has numbers of its own; arms and things are keys of "
             f"{', '.join(families(CONFIGURED))}"
         )
     if robot is not None:
-        with about(f"task {name!r}"):
+        with error_context(f"task {name!r}"):
             name, node = with_robots(name, node, robot)
-    if borrowed is not None:
-        with about(f"task {name!r}"):
-            name, node = with_release(name, node, borrowed)
-    with about(f"task {name!r}"):
-        return _checked(name, node)
+    if release_parts is not None:
+        with error_context(f"task {name!r}"):
+            name, node = with_release(name, node, release_parts)
+    with error_context(f"task {name!r}"):
+        return _parsed_task(name, node)
 
 
-def _checked(name: str, node: Mapping) -> Task:
+def _parsed_task(name: str, node: Mapping) -> Task:
     """The Task of a complete configuration. Raises ArgumentError as `load_task` does."""
     if "clutter" in node:  # only drawn from a seed
         raise ArgumentError("unknown field clutter")
-    find_robots(node)
-    drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
+    register_robots(node)
+    randomisation = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
     try:
-        task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
+        task = dacite.from_dict(Task, {**node, **randomisation}, config=_CONFIG)
     except dacite.UnexpectedDataError as error:
         raise ArgumentError(f"unknown field {', '.join(sorted(map(str, error.keys)))}") from error
     except dacite.MissingValueError as error:
         raise ArgumentError(f"field {error.field_path} is missing") from error
     except dacite.WrongTypeError as error:
-        wrong = f"field {error.field_path} is {error.value!r}; expected {error.field_type}"
-        raise ArgumentError(wrong) from error
+        message = f"field {error.field_path} is {error.value!r}; expected {error.field_type}"
+        raise ArgumentError(message) from error
     if task.name != name:
         raise ArgumentError(f"field name is {task.name!r}; expected {name!r}")
     if task.cameras["global"].mount == "wrist":
         raise ArgumentError("camera 'global' has mount 'wrist'; expected 'world': it belongs to no arm")
     for key in task.objects:
-        with about(f"object {key!r}"):
+        with error_context(f"object {key!r}"):
             task.asset(key)
-        if problem := _badly_placed(task, key):
+        if problem := _placement_error(task, key):
             raise ArgumentError(f"object {key!r} {problem}")
     return task
 
 
-def _badly_placed(task: Task, name: str) -> str | None:
+def _placement_error(task: Task, name: str) -> str | None:
     """An error in the placement of an object or of its hinge, as the end of a sentence; None: no error."""
     spec, hinge = task.objects[name], task.asset(name).hinge
-    bearer, before = spec.relative_to, [*task.objects][: [*task.objects].index(name)]
-    if bearer is not None and bearer not in before:
-        return f"is relative to {bearer!r}; expected one listed before it: {before}"
+    bearer, earlier = spec.relative_to, [*task.objects][: [*task.objects].index(name)]
+    if bearer is not None and bearer not in earlier:
+        return f"is relative to {bearer!r}; expected one listed before it: {earlier}"
     if hinge is None and spec.open_deg:
         return f"has no hinge, and open_deg {spec.open_deg:g}; leave it out"
     if hinge is not None:
@@ -172,11 +178,11 @@ def read_variation(name: str) -> Variation:
     """The Variation of conf/variation/<name>.yaml. Raises ArgumentError for one that does not exist."""
     known = sorted(path.stem for path in VARIATIONS.glob("*.yaml"))
     if name not in known:
-        raise choices("variation", name, known)
+        raise unknown_choice("variation", name, known)
     node: Any = OmegaConf.to_container(OmegaConf.load(VARIATIONS / f"{name}.yaml"))
-    first, *_ = node.pop("defaults", [None])
-    found = asdict(read_variation(first)) if first is not None else {}
-    return read_values(Variation, found | node, "variation.")
+    base, *_ = node.pop("defaults", [None])
+    values = asdict(read_variation(base)) if base is not None else {}
+    return read_values(Variation, values | node, "variation.")
 
 
 def read_task(
@@ -184,11 +190,11 @@ def read_task(
     arms: int | None = None,
     things: int | None = None,
     robot: Robots | None = None,
-    borrowed: Borrowed | None = None,
+    release_parts: ReleaseParts | None = None,
 ) -> Task:
     """The Task of a YAML file. Raises ArgumentError as `load_task` does."""
     node: Any = OmegaConf.to_container(OmegaConf.load(path))
-    return load_task(path.stem, node[path.stem], arms, things, robot, borrowed)
+    return load_task(path.stem, node[path.stem], arms, things, robot, release_parts)
 
 
 def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
@@ -203,14 +209,16 @@ def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
     files = {**families(folder), **{path.stem: path for path in folder.glob("*.yaml")}}
     if name in files:
         return read_task(files[name])
-    name, marks = unmarked(name)
-    if marks not in ([], [CAMERAS]):
+    name, marks = split_marks(name)
+    if marks not in ([], [RELEASE_CAMERAS]):
         return None
-    borrowed = Borrowed(cameras_of=RELEASE) if marks else None
-    task, robots = parted(name)
-    family, *numbers = parsed(task) or ("",)
-    path, numbers = (files[task], []) if task in files else (families(folder).get(family), numbers)
-    return None if path is None else read_task(path, *numbers, robot=robots or None, borrowed=borrowed)
+    release_parts = ReleaseParts(cameras_of=RELEASE) if marks else None
+    task, robots = split_robots(name)
+    family, *counts = parse_family_name(task) or ("",)
+    path, counts = (files[task], []) if task in files else (families(folder).get(family), counts)
+    return (
+        None if path is None else read_task(path, *counts, robot=robots or None, release_parts=release_parts)
+    )
 
 
 def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
@@ -227,7 +235,9 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
     name, scene = identity.get("task"), identity.get("scene")
     task = named_task(name, folder)
     if task is None:
-        raise choices(f"task of a store, in {folder}:", name, [path.stem for path in folder.glob("*.yaml")])
+        raise unknown_choice(
+            f"task of a store, in {folder}:", name, [path.stem for path in folder.glob("*.yaml")]
+        )
     stored: Mapping[str, Any] = scene if isinstance(scene, Mapping) else {}
     try:  # randomisation and variation are set by the experiment, not by the file
         task = replace(task, randomisation=Randomisation(**stored["randomisation"]))
@@ -235,9 +245,9 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
             task = replace(task, variation=read_values(Variation, stored["variation"], "variation."))
     except (KeyError, TypeError) as error:
         raise ArgumentError(f"the store of {name} does not say how its scenes vary: {error}") from error
-    now = plain(task.identity)
-    if stored != now:
-        differs = [key for key in now if stored.get(key) != now[key]]
+    current = plain(task.identity)
+    if stored != current:
+        differs = [key for key in current if stored.get(key) != current[key]]
         raise ArgumentError(
             f"the store was made of another configuration of {name} than {folder} holds; it differs in "
             f"{', '.join(differs) or 'keys that are there no more'}"

@@ -28,18 +28,18 @@ class Count:
     least: int
     most: int
 
-    def of(self, key: str, given: int | None) -> int:
+    def resolve(self, key: str, value: int | None) -> int:
         """The given number, or the default for None. Raises ArgumentError for one out of bounds."""
-        number = self.usual if given is None else given
-        many = f"{self.least} to {self.most}" if self.least < self.most else f"{self.most}"
+        number = self.usual if value is None else value
+        allowed = f"{self.least} to {self.most}" if self.least < self.most else f"{self.most}"
         if type(number) is not int:
-            raise ArgumentError(f"{key} is {number!r}; expected a number from {many}")
+            raise ArgumentError(f"{key} is {number!r}; expected a number from {allowed}")
         if not self.least <= number <= self.most:
-            raise ArgumentError(f"{key} is {number}; expected {many}")
+            raise ArgumentError(f"{key} is {number}; expected {allowed}")
         return number
 
 
-COUNTED = tuple(each.name for each in fields(Count))
+COUNT_FIELDS = tuple(item.name for item in fields(Count))
 
 
 def is_family(node: Mapping[str, Any]) -> bool:
@@ -47,7 +47,7 @@ def is_family(node: Mapping[str, Any]) -> bool:
     return "layout" in node
 
 
-def member(
+def family_task(
     name: str, node: Mapping[str, Any], arms: int | None = None, things: int | None = None
 ) -> tuple[str, dict[str, Any]]:
     """Name and configuration of the task of a family with these counts.
@@ -55,22 +55,22 @@ def member(
     Raises ArgumentError for counts out of bounds.
     """
     counts = {key: read_values(Count, node.get(key, {}), f"{key}.") for key in ("arms", "things")}
-    numbers = {key: counts[key].of(key, given) for key, given in (("arms", arms), ("things", things))}
+    numbers = {key: counts[key].resolve(key, count) for key, count in (("arms", arms), ("things", things))}
     code = node.get("code") or f"{MODULES}.{name}"
     try:
-        laid_out = import_module(code).layout(**numbers, **node["layout"])
+        layout = import_module(code).layout(**numbers, **node["layout"])
     except TypeError as error:
         raise ArgumentError(f"layout: {error}") from error
-    called = f"{name}_{numbers['arms']}x{numbers['things']}"
+    task_name = f"{name}_{numbers['arms']}x{numbers['things']}"
     title = f"{node['title']} {numbers['arms']} x {numbers['things']}"
     rest = {key: value for key, value in node.items() if key not in ("arms", "things", "layout")}
-    return called, {**rest, **laid_out, "name": called, "title": title, "code": code}
+    return task_name, {**rest, **layout, "name": task_name, "title": title, "code": code}
 
 
-def parsed(name: str) -> tuple[str, int, int] | None:
+def parse_family_name(name: str) -> tuple[str, int, int] | None:
     """(family, arms, things) of the name of a family's task; None for any other name."""
-    found = _MEMBER.fullmatch(name)
-    return (found["family"], int(found["arms"]), int(found["things"])) if found else None
+    match = _MEMBER.fullmatch(name)
+    return (match["family"], int(match["arms"]), int(match["things"])) if match else None
 
 
 def families(folder: Path) -> dict[str, Path]:

@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.robots import DEFAULT, known_robots, robot_named
 from rf_exp.texts import printable
 
 Robots = str | Sequence[str]
-MARK = "-"  # in names, between a task and its robots
+ROBOT_SEPARATOR = "-"  # in names, between a task and its robots
 MODULES = "rf_exp.tasks"
 
 
-def find_robots(node: Mapping[str, Any], names: Sequence[Any] = ()) -> None:
+def register_robots(node: Mapping[str, Any], names: Sequence[Any] = ()) -> None:
     """Imports the task's `code` where a robot is not registered yet: that module may register it."""
     robots, code = node.get("robots", ()), node.get("code")
-    said = {robot.get("model", DEFAULT.name) for robot in robots if isinstance(robot, Mapping)}
-    if isinstance(code, str) and not {*said, *names} <= {robot.name for robot in known_robots()}:
+    models = {robot.get("model", DEFAULT.name) for robot in robots if isinstance(robot, Mapping)}
+    if isinstance(code, str) and not {*models, *names} <= {robot.name for robot in known_robots()}:
         import_module(code)
 
 
@@ -33,42 +33,42 @@ def with_robots(name: str, node: Mapping[str, Any], robots: Robots) -> tuple[str
     Raises ArgumentError for unknown robots, and for a list whose length is not the number of arms.
     """
     names = list(robots) if isinstance(robots, Sequence) and not isinstance(robots, str) else [robots]
-    placed = node.get("robots", ())
-    if len(names) not in (1, len(placed)):
+    entries = node.get("robots", ())
+    if len(names) not in (1, len(entries)):
         raise ArgumentError(
-            f"robot is {printable(str(robots))}; expected one for all arms, or a list of {len(placed)}"
+            f"robot is {printable(str(robots))}; expected one for all arms, or a list of {len(entries)}"
         )
-    find_robots(node, names)
+    register_robots(node, names)
     known = [robot.name for robot in known_robots()]
-    for each in names:
-        if each not in known:
-            raise choices("robot", printable(str(each)), known)
-    each_arm = names * len(placed) if len(names) == 1 else names
-    if each_arm == [robot.get("model", DEFAULT.name) for robot in placed]:
+    for model in names:
+        if model not in known:
+            raise unknown_choice("robot", printable(str(model)), known)
+    models = names * len(entries) if len(names) == 1 else names
+    if models == [robot.get("model", DEFAULT.name) for robot in entries]:
         return name, node
     names = list(dict.fromkeys(names)) if len({*names}) == 1 else names
-    called = MARK.join([name, *names])
-    return called, {
+    task_name = ROBOT_SEPARATOR.join([name, *names])
+    return task_name, {
         **node,
-        "name": called,
+        "name": task_name,
         "title": f"{node['title']} ({', '.join(names)})",
-        "robots": [_placed(line, each) for line, each in zip(placed, each_arm, strict=True)],
+        "robots": [_with_model(entry, model) for entry, model in zip(entries, models, strict=True)],
         "code": node.get("code") or f"{MODULES}.{name}",
     }
 
 
-def parted(name: str) -> tuple[str, list[str]]:
+def split_robots(name: str) -> tuple[str, list[str]]:
     """(task, robots) of the name of a task with other robots: one model for all arms, or one per arm."""
-    task, *robots = name.split(MARK)
+    task, *robots = name.split(ROBOT_SEPARATOR)
     return task, robots
 
 
-def _placed(line: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _with_model(entry: Mapping[str, Any], name: str) -> dict[str, Any]:
     """The entry of an arm with another robot: base moved, rest posture of the new robot."""
-    if name == line.get("model", DEFAULT.name):
-        return dict(line)
-    had, has = robot_named(line.get("model", DEFAULT.name)), robot_named(name)
-    nearer_m, yaw_rad = had.reach_m - has.reach_m, np.deg2rad(line["yaw_deg"])
-    placed = {key: value for key, value in line.items() if key != "rest_rad"}
-    x_m, y_m = line["x_m"] + nearer_m * np.cos(yaw_rad), line["y_m"] + nearer_m * np.sin(yaw_rad)
+    if name == entry.get("model", DEFAULT.name):
+        return dict(entry)
+    old, new = robot_named(entry.get("model", DEFAULT.name)), robot_named(name)
+    forward_m, yaw_rad = old.reach_m - new.reach_m, np.deg2rad(entry["yaw_deg"])
+    placed = {key: value for key, value in entry.items() if key != "rest_rad"}
+    x_m, y_m = entry["x_m"] + forward_m * np.cos(yaw_rad), entry["y_m"] + forward_m * np.sin(yaw_rad)
     return placed | {"model": name, "x_m": round(float(x_m), 6), "y_m": round(float(y_m), 6)}

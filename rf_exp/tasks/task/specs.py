@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
-from rf_exp.transforms import Matrix, from_axes, planar, rotated
+from rf_exp.transforms import Matrix, from_axes, planar, rotation_matrix
 from rf_exp.types import FINGERS, CameraModel
 
 SMALLEST, LARGEST = 0.5, 1.5  # scales of objects
@@ -25,7 +25,7 @@ def beyond_edge(points: NDArray[np.float64]) -> tuple[float, str]:
     ends = np.stack([points[:, :2].min(axis=0), points[:, :2].max(axis=0)])  # (2, 2) lowest and highest
     edges = np.stack([centre - half, centre + half])
     beyond = (ends - edges) * np.array([[-1.0], [1.0]])
-    side, axis = (int(each) for each in np.unravel_index(beyond.argmax(), beyond.shape))
+    side, axis = (int(index) for index in np.unravel_index(beyond.argmax(), beyond.shape))
     return float(beyond[side, axis]), f"{'xy'[axis]} = {edges[side, axis]:g} m"
 
 
@@ -47,7 +47,7 @@ class RobotSpec:
             raise ArgumentError(f"rest_rad has {len(self.rest_rad)} values; an arm has {joints} joints")
 
     @property
-    def at_rest(self) -> NDArray[np.float64]:
+    def rest_qpos(self) -> NDArray[np.float64]:
         """(D,) joints at rest in rad, then open fingers in m."""
         return np.array([*self.rest_rad, *[self.model.hand.open_m] * FINGERS])
 
@@ -63,9 +63,9 @@ class RobotSpec:
     @property
     def identity(self) -> dict[str, Any]:
         """Part of the task's identity: placement and model. Default values are left out."""
-        placed = {"x_m": self.x_m, "y_m": self.y_m, "yaw_deg": self.yaw_deg, "rest_rad": self.rest_rad}
-        placed |= {"z_m": self.z_m} if self.z_m else {}
-        return placed if self.model == DEFAULT else {**placed, "model": self.model.identity}
+        values = {"x_m": self.x_m, "y_m": self.y_m, "yaw_deg": self.yaw_deg, "rest_rad": self.rest_rad}
+        values |= {"z_m": self.z_m} if self.z_m else {}
+        return values if self.model == DEFAULT else {**values, "model": self.model.identity}
 
 
 @dataclass(frozen=True)
@@ -108,14 +108,14 @@ class ObjectSpec:
         """The object that bears it and has the same scale; None: the table."""
         return self.relative_to if self.z_m else None
 
-    def sized(self, size: float) -> "ObjectSpec":
+    def scaled(self, size: float) -> "ObjectSpec":
         """The object scaled by `size`, with its offsets from the object that bears it."""
         if size == 1:
             return self
         spec = replace(self, size=size * self.size)
         if self.stands_on is None:
             return spec
-        x_m, y_m = (tuple(size * each for each in ends) for ends in (self.x_m, self.y_m))
+        x_m, y_m = (tuple(size * value for value in ends) for ends in (self.x_m, self.y_m))
         return replace(spec, x_m=x_m, y_m=y_m, z_m=size * self.z_m)
 
 
@@ -149,19 +149,19 @@ class CameraSpec:
         """(4, 4) pose of a world camera: x right, y down, z forward (OpenCV)."""
         forward = np.subtract(self.target_m, self.eye_m)
         upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
-        return from_axes(self.eye_m, z=forward, y=upright) @ rotated(np.deg2rad(self.turn_deg))
+        return from_axes(self.eye_m, z=forward, y=upright) @ rotation_matrix(np.deg2rad(self.turn_deg))
 
     def model(self, pose: Matrix, size_px: tuple[int, int]) -> CameraModel:
         """The camera model for a (width, height) and a world pose (4, 4)."""
         return CameraModel(*size_px, float(np.deg2rad(self.fov_deg)), pose)
 
-    def moved(self, by: CameraMotion) -> "CameraSpec":
+    def moved(self, motion: CameraMotion) -> "CameraSpec":
         """The camera shifted and turned; a wrist camera changes its field of view only."""
-        fov_deg = self.fov_deg + by.fov_deg
+        fov_deg = self.fov_deg + motion.fov_deg
         if self.mount == "wrist":
             return replace(self, fov_deg=fov_deg)
-        eye, target = (tuple(np.add(each, by.shift_m).tolist()) for each in (self.eye_m, self.target_m))
-        return replace(self, eye_m=eye, target_m=target, fov_deg=fov_deg, turn_deg=by.turn_deg)
+        eye, target = (tuple(np.add(point, motion.shift_m).tolist()) for point in (self.eye_m, self.target_m))
+        return replace(self, eye_m=eye, target_m=target, fov_deg=fov_deg, turn_deg=motion.turn_deg)
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot
 
-from rf_exp.findings import NOTHING, Account, Closest, ClutterContact, Lost, Touch, Unmet
+from rf_exp.findings import NO_STEPS, Account, Closest, ClutterContact, Lost, Touch, Unmet
 from rf_exp.tasks.task.task import Task
 from rf_exp.types import CONTROL_DT_S, Condition, Measured, Scene, Verdict
 
-OFF_M = 0.05  # below the top of the table
+OFF_TABLE_M = 0.05  # below the top of the table
 DROP_M = 0.05  # fall after release that counts as dropped; an object set down sinks by millimetres
 
 
@@ -16,25 +16,27 @@ class SuccessEvaluator:
     """Success evaluator of one episode: strict conditions must all hold for `hold_steps` steps in a row."""
 
     def __init__(self, task: Task, start: Scene) -> None:
-        self._task, self._start, self._steps = task, start, 0
+        self._task, self._start, self._steps_met = task, start, 0
         self._conditions, self._paper = task.module.conditions, getattr(task.module, "paper", None)
-        self._reaches_m = [(robot.x_m, robot.y_m, robot.model.reach_m) for robot in task.robots]
+        self._arm_reaches_m = [(robot.x_m, robot.y_m, robot.model.reach_m) for robot in task.robots]
         self._hold_steps = int(task.success["hold_steps"])
-        self._let_go_m: dict[str, float] = {}  # object -> its height when last held
+        self._release_height_m: dict[str, float] = {}  # object -> its height when last held
         places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
-        self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
+        self._initially_reachable = frozenset(
+            name for name, place in places.items() if self._in_reach(*place)
+        )
 
     def __call__(self, scene: Scene) -> Verdict:
-        scene = scene.true  # without joint measurement errors
+        scene = scene.with_true_joints  # without joint measurement errors
         conditions: Mapping[str, Condition] = self._conditions(scene, self._start, self._task)
         evidence = {name: bool(holds) for name, holds in conditions.items()}
         holds = all(evidence.values())
-        self._steps = self._steps + 1 if holds else 0
+        self._steps_met = self._steps_met + 1 if holds else 0
         return Verdict(
-            self._steps >= self._hold_steps,
+            self._steps_met >= self._hold_steps,
             bool(self._paper(scene, self._start, self._task)) if self._paper else holds,
             evidence,
-            {name: found for name, found in conditions.items() if isinstance(found, Measured)},
+            {name: condition for name, condition in conditions.items() if isinstance(condition, Measured)},
             self._lost(scene),
         )
 
@@ -44,24 +46,26 @@ class SuccessEvaluator:
         for name in self._task.objects:
             x_m, y_m, height_m = scene.poses[name][:3, 3].tolist()
             if name in scene.held:
-                self._let_go_m[name] = height_m
-            if height_m < -OFF_M:
+                self._release_height_m[name] = height_m
+            if height_m < -OFF_TABLE_M:
                 lost[name] = "off the table"
-            elif name in self._reached and not self._in_reach(x_m, y_m):
+            elif name in self._initially_reachable and not self._in_reach(x_m, y_m):
                 lost[name] = "out of reach"
-            elif self._let_go_m.get(name, height_m) - height_m > DROP_M:
+            elif self._release_height_m.get(name, height_m) - height_m > DROP_M:
                 lost[name] = "dropped"
         return lost
 
     def _in_reach(self, x_m: float, y_m: float) -> bool:
-        return any([hypot(x_m - base_x, y_m - base_y) < reach for base_x, base_y, reach in self._reaches_m])
+        return any(
+            [hypot(x_m - base_x, y_m - base_y) < reach for base_x, base_y, reach in self._arm_reaches_m]
+        )
 
 
 @dataclass
 class _History:
     """Running record of one condition."""
 
-    held: bool = False  # at any step
+    ever_met: bool = False  # at any step
     failing_since: int = 0  # step; valid while the condition does not hold
     measured: Measured | None = None  # at the last step
     best: float | None = None  # best value against the present bound
@@ -72,29 +76,31 @@ class Ledger:
 
     def __init__(self) -> None:
         self._conditions: dict[str, _History] = {}
-        self._holding = self._longest = 0  # consecutive steps with all conditions met: now, at most
+        self._streak = self._longest_streak = 0  # consecutive steps with all conditions met: now, at most
         self._verdict: Verdict | None = None
-        self._most, self._most_at = -1, 0  # most conditions met at once, and the first such step
+        self._best_count, self._best_step = -1, 0  # most conditions met at once, and the first such step
         self._touched: dict[tuple[int, int], list[int]] = {}  # agents -> steps
         self._clutter: dict[tuple[str, str], list[int]] = {}  # (agent or object, piece) -> steps
         self._lost: dict[tuple[str, str], int] = {}  # (object, how) -> first step
         self.contacts = 0  # control steps in which arms touched each other
 
-    def see(self, scene: Scene, verdict: Verdict) -> None:
+    def record(self, scene: Scene, verdict: Verdict) -> None:
         """Records one control step: the scene after it and its verdict."""
         self._verdict = verdict
         for name, holds in verdict.evidence.items():
-            self._see(self._conditions.setdefault(name, _History()), holds, verdict.measured.get(name), scene)
-        holding = sum(verdict.evidence.values())
-        self._holding = self._holding + 1 if holding == len(verdict.evidence) else 0
-        self._longest = max(self._longest, self._holding)
-        if holding > self._most:
-            self._most, self._most_at = holding, scene.step
+            self._record_condition(
+                self._conditions.setdefault(name, _History()), holds, verdict.measured.get(name), scene
+            )
+        met = sum(verdict.evidence.values())
+        self._streak = self._streak + 1 if met == len(verdict.evidence) else 0
+        self._longest_streak = max(self._longest_streak, self._streak)
+        if met > self._best_count:
+            self._best_count, self._best_step = met, scene.step
         self.contacts += bool(scene.arm_contacts)
         for a, b, _ in scene.arm_contacts:
             self._touched.setdefault((a, b), []).append(scene.step)
-        for who, name, _ in scene.clutter_contacts:
-            self._clutter.setdefault((who, name), []).append(scene.step)
+        for toucher, name, _ in scene.clutter_contacts:
+            self._clutter.setdefault((toucher, name), []).append(scene.step)
         for lost in verdict.lost.items():
             self._lost.setdefault(lost, scene.step)
 
@@ -111,27 +117,30 @@ class Ledger:
     @property
     def _closest(self) -> Closest:
         if self._verdict is None:
-            return NOTHING
-        at_s = _s(self._most_at) if self._most else 0.0
-        return Closest(self._most, len(self._conditions), at_s, self._longest)
+            return NO_STEPS
+        at_s = _seconds(self._best_step) if self._best_count else 0.0
+        return Closest(self._best_count, len(self._conditions), at_s, self._longest_streak)
 
     @staticmethod
-    def _see(history: _History, holds: bool, measured: Measured | None, scene: Scene) -> None:
+    def _record_condition(history: _History, holds: bool, measured: Measured | None, scene: Scene) -> None:
         if holds:
-            history.held, history.failing_since = True, scene.step + 1
-        before, history.measured = history.measured, measured
+            history.ever_met, history.failing_since = True, scene.step + 1
+        previous, history.measured = history.measured, measured
         if measured is None:
             return
         better = max if measured.above else min
-        same = before is not None and (before.bound, before.unit) == (measured.bound, measured.unit)
-        kept = history.best if same else None
-        history.best = measured.value if kept is None else better(measured.value, kept)
+        same = previous is not None and (previous.bound, previous.unit) == (measured.bound, measured.unit)
+        previous_best = history.best if same else None
+        history.best = measured.value if previous_best is None else better(measured.value, previous_best)
 
     def account(self, success: bool) -> Account:
         """The account so far: only contacts for a success; `closest` alone before the first step."""
-        touches = tuple(Touch(pair, _s(at[0]), len(at)) for pair, at in sorted(self._touched.items()))
+        touches = tuple(
+            Touch(pair, _seconds(steps[0]), len(steps)) for pair, steps in sorted(self._touched.items())
+        )
         clutter = tuple(
-            ClutterContact(*pair, _s(at[0]), len(at)) for pair, at in sorted(self._clutter.items())
+            ClutterContact(*pair, _seconds(steps[0]), len(steps))
+            for pair, steps in sorted(self._clutter.items())
         )
         if self._verdict is None:
             return Account(closest=self._closest)
@@ -143,17 +152,17 @@ class Ledger:
             clutter_contacts=clutter,
             unmet=tuple(_unmet(name, self._conditions[name]) for name in failing),
             closest=self._closest,
-            lost=tuple(Lost(name, how, _s(first)) for (name, how), first in self._lost.items()),
+            lost=tuple(Lost(name, how, _seconds(first)) for (name, how), first in self._lost.items()),
         )
 
 
 def _unmet(name: str, history: _History) -> Unmet:
-    since_s = _s(history.failing_since) if history.held else 0.0
-    found = history.measured
-    if found is None:
+    since_s = _seconds(history.failing_since) if history.ever_met else 0.0
+    measured = history.measured
+    if measured is None:
         return Unmet(name, since_s)
-    return Unmet(name, since_s, found.value, history.best, found.bound, found.unit, found.above)
+    return Unmet(name, since_s, measured.value, history.best, measured.bound, measured.unit, measured.above)
 
 
-def _s(step: int) -> float:
+def _seconds(step: int) -> float:
     return step * CONTROL_DT_S

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.artifacts import without
+from rf_exp.artifacts import drop_defaults
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import Arm
 from rf_exp.statements import Vocabulary
@@ -29,11 +29,11 @@ from rf_exp.tasks import assets
 from rf_exp.tasks.task.clutter import Clutter
 from rf_exp.tasks.task.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
 from rf_exp.tasks.task.start import Start, start_of
-from rf_exp.tasks.task.variation import NONE, Variation, cluttered, moved
+from rf_exp.tasks.task.variation import NO_VARIATION, Variation, with_clutter, with_scene_factors
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Calibration, Scene
 
-APART_M = 0.2  # least distance of bases across the global view for names like `left`
+MIN_BASE_SPREAD_M = 0.2  # least distance of bases across the global view for names like `left`
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Task:
     success: Mapping[str, float]  # thresholds that the module reads, units in their names
     randomisation: Randomisation
     step_limit: int = 600  # control steps of an attempt: twice the expert's mean (supplementary B)
-    variation: Variation = NONE
+    variation: Variation = NO_VARIATION
     clutter: Mapping[str, Clutter] = field(default_factory=dict)  # clutter of one scene
     code: str | None = None  # Python module of plan and success; by default rf_exp.tasks.<name>
 
@@ -108,20 +108,22 @@ class Task:
             for name in self.objects
         }
 
-    def hung(self, name: str, poses: Mapping[str, Matrix], opened_rad: ArrayLike) -> NDArray[np.float64]:
+    def hinged_poses(
+        self, name: str, poses: Mapping[str, Matrix], hinge_rad: ArrayLike
+    ) -> NDArray[np.float64]:
         """world_from_object (..., 4, 4) of a hinged object at angles (...), its bearer as in `poses`."""
-        return self._shut(name, poses) @ self._hinge(name).turned(opened_rad)
+        return self._closed_pose(name, poses) @ self._hinge(name).closed_from_object(hinge_rad)
 
-    def opened_rad(self, name: str, poses: Mapping[str, Matrix]) -> NDArray[np.float64]:
+    def hinge_rad(self, name: str, poses: Mapping[str, Matrix]) -> NDArray[np.float64]:
         """Opening angles (...) of a hinged object whose poses in `poses` are (..., 4, 4)."""
-        return self._hinge(name).opened_rad(inverse(self._shut(name, poses)) @ poses[name])
+        return self._hinge(name).angle_rad(inverse(self._closed_pose(name, poses)) @ poses[name])
 
     def _hinge(self, name: str) -> assets.Hinge:
         hinge = self.asset(name).hinge
         assert hinge is not None  # only called for hinged objects
         return hinge
 
-    def _shut(self, name: str, poses: Mapping[str, Matrix]) -> Matrix:
+    def _closed_pose(self, name: str, poses: Mapping[str, Matrix]) -> Matrix:
         """world_from_object of a hinged object when closed."""
         spec = self.objects[name]
         return poses[spec.relative_to or ""] @ spec.nominal
@@ -145,7 +147,7 @@ class Task:
         camera_from_world = inverse(camera.world_from_camera)
         across = [float((camera_from_world @ robot.world_from_base)[0, 3]) for robot in self.robots]
         agents = sorted(self.agents, key=lambda agent: across[agent - 1])
-        if min(np.diff(sorted(across))) < APART_M:
+        if min(np.diff(sorted(across))) < MIN_BASE_SPREAD_M:
             return {}
         return dict(zip(named, agents, strict=True))
 
@@ -157,10 +159,10 @@ class Task:
         """
         objects: dict[str, dict[str, Any]] = {}
         for name, spec in self.objects.items():
-            objects[name] = without(asdict(spec), open_deg=0.0)  # the default is left out
+            objects[name] = drop_defaults(asdict(spec), open_deg=0.0)  # the default is left out
             del objects[name]["options"], objects[name]["size"]  # part of the content
-            objects[name]["asset"] = f"{self.asset(name).name} {self.asset(name).content}"
-        said = {
+            objects[name]["asset"] = f"{self.asset(name).name} {self.asset(name).content_digest}"
+        identity = {
             "robots": tuple(robot.identity for robot in self.robots),
             "cameras": {name: camera.identity for name, camera in self.cameras.items()},
             "success": dict(self.success),
@@ -171,7 +173,7 @@ class Task:
             "plan": self.plan_version,
             "variation": self.variation.identity,
         }
-        return without(said, variation={})
+        return drop_defaults(identity, variation={})
 
     def parent_from_camera(self, name: str) -> Matrix:
         """(4, 4) pose of a camera in the world or, for a wrist camera, in the hand frame; OpenCV axes."""
@@ -185,8 +187,8 @@ class Task:
 
         Raises ArgumentError for a wrist camera.
         """
-        if riding := [name for name in cameras if self.cameras[name].mount != "world"]:
-            raise ArgumentError(f"camera {riding[0]!r} moves with a hand: it has no place of its own")
+        if wrist_cameras := [name for name in cameras if self.cameras[name].mount != "world"]:
+            raise ArgumentError(f"camera {wrist_cameras[0]!r} moves with a hand: it has no place of its own")
         specs = {name: self.cameras[name] for name in cameras}
         models = {name: spec.model(spec.world_from_camera, size_px) for name, spec in specs.items()}
         return Calibration(tuple(robot.world_from_base for robot in self.robots), models)
@@ -196,38 +198,38 @@ class Task:
         named = getattr(self.module, "places", None)
         return named(scene, self) if named else {}
 
-    def of(self, seed: int, copy: int = 0) -> "Task":
+    def in_scene(self, seed: int, copy: int = 0) -> "Task":
         """The task in the scene of a seed and copy, its variation applied; itself where nothing varies."""
         if (seed, copy) not in self._scenes:
-            stands = moved(self, seed, copy)
+            scene_task = with_scene_factors(self, seed, copy)
             if self.variation.clutter[1]:
-                stands = cluttered(stands, start_of(stands, seed).scene, seed)
+                scene_task = with_clutter(scene_task, start_of(scene_task, seed).scene, seed)
             self._scenes.clear()  # an episode needs one scene, several times
-            self._scenes[seed, copy] = stands
+            self._scenes[seed, copy] = scene_task
         return self._scenes[seed, copy]
 
     @cached_property
     def _scenes(self) -> "dict[tuple[int, int], Task]":
-        """Cache of `of`: the last scene."""
+        """Cache of `in_scene`: the last scene."""
         return {}
 
     def start(self, seed: int, copy: int = 0) -> Start:
         """The start of the episode of a seed. Raises ArgumentError as `start_of`."""
-        return start_of(self.of(seed, copy), seed, copy)
+        return start_of(self.in_scene(seed, copy), seed, copy)
 
 
-def labels(task: Task) -> tuple[str, ...]:
+def label_names(task: Task) -> tuple[str, ...]:
     """Names of segmentation labels: 0 nothing, 1 table, floor, walls and clutter, then objects, agents."""
     return ("nothing", "table", *task.objects, *(f"agent{agent}" for agent in task.agents))
 
 
-def labelled(
+def label_images(
     task: Task, images: Mapping[str, NDArray[np.int32]], bodies: Mapping[str, Iterable[int]]
 ) -> dict[str, NDArray[np.uint8]]:
-    """Camera -> (H, W) index into `labels`, from a simulator's segmentation and the ids of each body."""
-    number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
-    for label, name in enumerate(labels(task)):
-        number[list(bodies.get(name, ()))] = label
+    """Camera -> (H, W) index into `label_names`, from a simulator's segmentation and the ids of each body."""
+    label_of_body = np.zeros(1 + max(max(ids) for ids in bodies.values()), np.uint8)
+    for label, name in enumerate(label_names(task)):
+        label_of_body[list(bodies.get(name, ()))] = label
     for name in task.clutter:
-        number[list(bodies.get(name, ()))] = labels(task).index("table")
-    return {name: number[image] for name, image in images.items()}
+        label_of_body[list(bodies.get(name, ()))] = label_names(task).index("table")
+    return {name: label_of_body[image] for name, image in images.items()}

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from rf_exp.ablation import EvaluationRow, GenerationRow, Results, formats, page, paper
 from rf_exp.ablation.tables import TABLES
-from rf_exp.ablation.tables.known import Suite, TaskFacts
+from rf_exp.ablation.tables.inputs import Suite, TaskFacts
 from rf_exp.ablation.tables.table import Column, Length, Rate, Table
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
@@ -105,7 +105,7 @@ def by_hand(name: str, line: str, column: str) -> list[int]:
 
 def html(table: Table) -> str:
     """The table on a page."""
-    section = page.Section(table.name, table.title, table=page.laid(table))
+    section = page.Section(table.name, table.title, table=page.layout(table))
     return page.document("A page", "a paper", [section])
 
 

@@ -13,7 +13,7 @@ from rf_exp.ablation import (
     brains,
     load,
     read_published,
-    turned,
+    transposed,
     write_published,
 )
 from rf_exp.findings import Answer, Dialogue, Ruling
@@ -63,7 +63,7 @@ def test_figures_are_those_of_the_answers() -> None:
 
 def test_brains_stand_side_by_side_on_a_terminal() -> None:
     table = brains(generated(SCRIPTED, MODELS), SUITE)
-    ((title, heading, rows),) = turned(table, lambda cell: cell.markdown())
+    ((title, heading, rows),) = transposed(table, lambda cell: cell.markdown())
     assert title == "Lift Barrier" and heading == ["Brain", "scripted", MODEL]
     assert {len(row) for row in rows} == {3} and len(rows) == len(table.columns) - 1
     text = shown(table)

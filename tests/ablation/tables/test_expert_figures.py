@@ -28,7 +28,7 @@ def test_only_successes_count_in_the_length() -> None:
     none = at(
         made("ablation_length", generated(generation("take_photo", "full", 0, 4))), "full", "take_photo"
     )
-    assert (none.value, none.instead, none.n) == (None, "no success", 0)
+    assert (none.value, none.placeholder, none.n) == (None, "no success", 0)
     assert none.note == "no success in 4 attempts"
     one = at(made("ablation_length", generated(generation("take_photo", "full", 1, 0))), "full", "take_photo")
     assert (one.value, one.interval) == (100.0, None)

@@ -9,7 +9,16 @@ from typing import Any
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, Results, append_row, formats, paired, plots, publish, unvaried
+from rf_exp.ablation import (
+    EvaluationRow,
+    Results,
+    append_row,
+    formats,
+    paired,
+    plots,
+    publish,
+    without_variation,
+)
 from rf_exp.ablation.tables import TABLES, build
 from rf_exp.ablation.tables.table import Table
 from rf_exp.findings import Account, Closest
@@ -93,8 +102,8 @@ def test_no_other_table_counts_scenes_that_vary_or_policies_that_learned_in_them
         + tuple(acted(0, 9, recipe="fast+full"))
         + tuple(acted(0, 9, recipe="fast+full+dagger1")),
     )
-    assert unvaried(more) == usual
-    assert unvaried(usual) == usual
+    assert without_variation(more) == usual
+    assert without_variation(usual) == usual
     clean, both = build(usual, SUITE), build(more, SUITE)
     assert {*both} - {*clean} == {"robustness"}
     assert {name: both[name] for name in TABLES} == clean
@@ -132,7 +141,7 @@ def test_csv_has_the_numbers_as_they_are() -> None:
 def test_a_map_shows_the_rate_of_every_task_and_factor() -> None:
     rows = [acted(9, 1), acted(3, 7, variation="light"), acted(6, 4, task="take_photo", variation="full")]
     rows += [acted(10, 0, recipe="fast+full", variation="full")]
-    drawn = dict(plots.maps(table(evaluated(*rows))))
+    drawn = dict(plots.success_maps(table(evaluated(*rows))))
     assert [*drawn] == ["fast, learned on none, 50 demos", "fast, learned on full, 50 demos"]
     told = re.findall(r"<text[^>]*>([^<]*)</text>", drawn["fast, learned on none, 50 demos"])
     assert {"90", "30", "60", "Lift Barrier", "Take Photo", "none", "light", "full"} <= {*told}

@@ -5,7 +5,7 @@ import yaml
 
 from rf_exp.ablation import configured, paper
 from rf_exp.ablation.tables import build
-from rf_exp.ablation.tables.known import Suite, TaskFacts
+from rf_exp.ablation.tables.inputs import Suite, TaskFacts
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import CONFIGURED
 from tests.ablation.tables.making import EMPTY, SUITE, at, made

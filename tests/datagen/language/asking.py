@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import yaml
 
-from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen import EpisodeGenerator, Settings
 from rf_exp.datagen.brain import OpenAISpec, Question, read_brain, to_json
 from rf_exp.statements import Proposal
 from tests.conftest import CONF
@@ -38,4 +38,4 @@ def ask(spec, task, **question):
 
 def make(world, spec, attempts=4):
     settings = Settings.configured(world.task, FULL, spec, attempts=attempts)
-    return EpisodeMaker(settings, world, settings.make_brain(0)).make(0)
+    return EpisodeGenerator(settings, world, settings.make_brain(0)).make(0)

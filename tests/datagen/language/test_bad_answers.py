@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from rf_exp.datagen.brain import BadAnswer, Question, from_json, talk
-from rf_exp.datagen.brain.request import LARGEST_BODY, received
-from rf_exp.datagen.brain.talk import read
+from rf_exp.datagen.brain import BadAnswer, Question, chat, from_json
+from rf_exp.datagen.brain.chat import read_exchanges
+from rf_exp.datagen.brain.request import MAX_BODY_BYTES, parse_completion
 from rf_exp.findings import Finding
 from rf_exp.types import Subgoal
 from tests.datagen.guard import FULL
@@ -45,8 +45,11 @@ BAD = {
         ),
         "the answer is packed as 'gzip, gzip'; asked for was gzip or nothing",
     ),
-    "too long": (completion(" " * LARGEST_BODY), f"longer than {LARGEST_BODY} bytes; the rest was not read"),
-    "a long error": (Reply(b"x" * (LARGEST_BODY + 1), 400), f"longer than {LARGEST_BODY} bytes"),
+    "too long": (
+        completion(" " * MAX_BODY_BYTES),
+        f"longer than {MAX_BODY_BYTES} bytes; the rest was not read",
+    ),
+    "a long error": (Reply(b"x" * (MAX_BODY_BYTES + 1), 400), f"longer than {MAX_BODY_BYTES} bytes"),
     "sent on": (
         Reply(b"", 307, {"Location": "http://elsewhere.test/v1?\x1b[2J"}),
         "the server answered 307 and sends on to 'http://elsewhere.test/v1",
@@ -140,8 +143,8 @@ def test_an_answer_that_is_none_is_repaired_by_the_next_one(kind, lift_world, se
     spec = openai_spec(server.url, timeout_s=0.3, deadline_s=1.0, exchanges=str(tmp_path))
     outcome = make(lift_world, spec)
     assert outcome.success and outcome.attempts == 2
-    feedback = read((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")[1].messages[1]["text"]
-    assert reason in str(feedback)
+    exchanges = read_exchanges((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
+    assert reason in str(exchanges[1].messages[1]["text"])
 
 
 @pytest.mark.slow
@@ -175,8 +178,8 @@ def test_too_many_requests_waits_as_long_as_the_server_says(lift_barrier, server
 def test_calls_keep_their_interval_and_their_budget(lift_barrier, server, monkeypatch):
     slept: list[float] = []
     clock = SimpleNamespace(monotonic=lambda: 100.0, sleep=slept.append, perf_counter=time.perf_counter)
-    monkeypatch.setattr(talk, "time", clock)
-    monkeypatch.setattr(talk.OpenAIChat, "_free_at_s", 0.0)
+    monkeypatch.setattr(chat, "time", clock)
+    monkeypatch.setattr(chat.OpenAIChat, "_free_at_s", 0.0)
     server.replies = [completion(GOOD)]
     brain = openai_spec(server.url, min_interval_s=0.4, budget=2).make(lift_barrier, FULL, 0)
     question = Question(lift_barrier, start_scene(lift_barrier, 0), {})
@@ -189,7 +192,7 @@ def test_calls_keep_their_interval_and_their_budget(lift_barrier, server, monkey
     assert len(server.requests) == 2
 
 
-LISTS = b"[" + b"[]," * (LARGEST_BODY // 3 - 100) + b"[]]"  # as many as a body can hold
+LISTS = b"[" + b"[]," * (MAX_BODY_BYTES // 3 - 100) + b"[]]"  # as many as a body can hold
 
 
 @pytest.mark.slow
@@ -204,7 +207,7 @@ LISTS = b"[" + b"[]," * (LARGEST_BODY // 3 - 100) + b"[]]"  # as many as a body 
 def test_of_many_things_that_are_none_one_is_told(body: bytes) -> None:
     began_s = time.process_time()
     with pytest.raises(BadAnswer, match="the server's answer is not a chat completion: "):
-        received(body, "application/json")
+        parse_completion(body, "application/json")
     assert time.process_time() - began_s < 0.8
 
 
@@ -228,7 +231,7 @@ def test_of_many_agents_that_are_none_one_is_told(lift_barrier) -> None:
 )
 def test_tokens_are_those_that_the_server_tells_of(usage, told):
     choice = {"message": {"content": GOOD[:9]}, "finish_reason": "length"}
-    found = received(json.dumps({"choices": [choice], "usage": usage}).encode(), "application/json")
+    found = parse_completion(json.dumps({"choices": [choice], "usage": usage}).encode(), "application/json")
     assert (found.usage and (found.usage.prompt_tokens, found.usage.completion_tokens)) == told
     assert found.finish_reason == "length"
     with pytest.raises(BadAnswer, match="cut off") as cut:  # of use to nobody, but paid for

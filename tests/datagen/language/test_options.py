@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen.brain import Question
-from rf_exp.datagen.brain.talk import SENT
+from rf_exp.datagen.brain.chat import REQUEST_FIELDS
 from rf_exp.errors import ArgumentError
 from tests.conftest import experiment
 from tests.datagen.guard import FULL
@@ -25,7 +25,7 @@ def test_the_servers_own_options_are_in_every_request_and_in_the_identity(lift_b
     ask(spec, lift_barrier)
     (request,) = server.requests
     assert {name: request.pop(name) for name in THINKS_NOT} == THINKS_NOT
-    assert set(request) <= set(SENT)
+    assert set(request) <= set(REQUEST_FIELDS)
     assert spec.identity["extra_body"] == THINKS_NOT
 
 
@@ -37,7 +37,7 @@ def test_options_that_are_not_used_change_no_identity():
     }
 
 
-@pytest.mark.parametrize("name", SENT)
+@pytest.mark.parametrize("name", REQUEST_FIELDS)
 def test_what_a_request_has_already_is_not_overridden(name):
     with pytest.raises(
         ArgumentError, match=rf"extra_body holds '{name}', .* possible here .*enable_thinking"

@@ -55,7 +55,7 @@ def test_one_request_tells_what_becomes_of_the_schema(kind, lift_barrier, server
     spec = openai_spec(server.url, timeout_s=patience_s(kind), retries=3, structured=False)
     probed = probe(spec, lift_barrier)
     assert probed.verdict == kind.partition(",")[0].split()[0]
-    assert words in probed.found and KEY[:8] not in probed.found and "\n" not in probed.found
+    assert words in probed.message and KEY[:8] not in probed.message and "\n" not in probed.message
     (request,) = server.requests
     assert request["response_format"]["json_schema"]["strict"] is True
 
@@ -65,7 +65,7 @@ def test_nobody_is_at_the_address(lift_barrier, monkeypatch):
     with socket.socket() as taken:  # bound, but nobody listens
         taken.bind(("127.0.0.1", 0))
         probed = probe(openai_spec(f"http://127.0.0.1:{taken.getsockname()[1]}/v1"), lift_barrier)
-    assert probed.verdict == "unreachable" and "ConnectError" in probed.found
+    assert probed.verdict == "unreachable" and "ConnectError" in probed.message
 
 
 def test_what_shows_that_the_schema_was_honoured_is_an_answer(lift_barrier):
@@ -80,8 +80,8 @@ def test_the_doctor_says_it_in_a_line(kind, server, monkeypatch):
     server.replies = [reply]
     timeout_s = f"brain.timeout_s={patience_s(kind)}"
     check = doctor.brain(["brain=openai", f"brain.base_url={server.url}", timeout_s])
-    assert (check.name, check.state) == ("brain", state) and words in check.found
-    assert bool(check.mend) == (state != "ok") and KEY not in str(check)
+    assert (check.name, check.state) == ("brain", state) and words in check.detail
+    assert bool(check.remedy) == (state != "ok") and KEY not in str(check)
     assert len(server.requests) == 1
 
 
@@ -104,5 +104,5 @@ def test_a_server_that_refuses_the_schema_is_no_obstacle_where_none_is_sent(serv
 )
 def test_a_brain_that_cannot_be_is_told_without_asking_anybody(overrides, state, words):
     check = doctor.brain(overrides)
-    assert check.state == state and words in check.found
+    assert check.state == state and words in check.detail
     assert KEY not in str(check) and "\n" not in str(check)

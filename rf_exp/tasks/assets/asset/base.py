@@ -12,19 +12,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.artifacts import digest, without
+from rf_exp.artifacts import digest, drop_defaults
 from rf_exp.errors import ArgumentError
-from rf_exp.transforms import Matrix, apply, equal_turns, from_axes, inverse
+from rf_exp.transforms import Matrix, apply, equal_rotations, from_axes, inverse
 
 if TYPE_CHECKING:
     import trimesh  # slow to import, so only where parts are created, after the command line is parsed
 
 Colour = tuple[float, float, float]  # linear RGB in [0, 1]
 
-CONVEX = 1.01  # a shell counts as convex up to this ratio of its convex hull's volume to its own
-CORNERS = 200  # most vertices of a convex piece; the limit of PhysX is 255
+CONVEX_RATIO = 1.01  # a shell counts as convex up to this ratio of its convex hull's volume to its own
+MAX_VERTICES = 200  # most vertices of a convex piece; the limit of PhysX is 255
 # coacd: half its default accuracy, in a fifth of the time
-SEARCH = {"threshold": 0.05, "resolution": 1000, "mcts_iterations": 20, "mcts_nodes": 10, "mcts_max_depth": 2}
+COACD_OPTIONS = {
+    "threshold": 0.05,
+    "resolution": 1000,
+    "mcts_iterations": 20,
+    "mcts_nodes": 10,
+    "mcts_max_depth": 2,
+}
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class Part:
     mesh: "trimesh.Trimesh"  # convex, metres, already placed in the asset's frame
     colour: Colour
     solid: bool = True  # takes part in collisions
-    seen: bool = True  # is rendered
+    visible: bool = True  # is rendered
     roughness: float = 0.6
     metallic: float = 0.0
 
@@ -96,9 +102,9 @@ class InteractionPoint:
         return InteractionPoint(from_axes(position_m, z=(0, 0, -1), y=(0, 1, 0)), kind, **keywords)
 
     @property
-    def alike(self) -> tuple[Matrix, ...]:
+    def equivalent_poses(self) -> tuple[Matrix, ...]:
         """The equivalent poses `object_from_tcp`, by the symmetry `around` the asset's z axis."""
-        return tuple(turn @ self.object_from_tcp for turn in equal_turns(self.around))
+        return tuple(turn @ self.object_from_tcp for turn in equal_rotations(self.around))
 
     def scaled(self, size: float) -> "InteractionPoint":
         """The point of the asset scaled by `size`; lengths of the gripper's approach are not scaled."""
@@ -121,18 +127,18 @@ class Hinge:
     falls_s: float  # ... within this time
     damping_n_m_s: float  # torque against a rotation at 1 rad/s
 
-    def turned(self, opened_rad: ArrayLike) -> NDArray[np.float64]:
+    def closed_from_object(self, angle_rad: ArrayLike) -> NDArray[np.float64]:
         """Poses closed_from_object (..., 4, 4) at opening angles (...)."""
-        angles = np.asarray(opened_rad, dtype=float)
+        angles = np.asarray(angle_rad, dtype=float)
         turn = np.broadcast_to(np.eye(4), (*angles.shape, 4, 4)).copy()
         turn[..., 0, 0] = turn[..., 2, 2] = np.cos(angles)
         turn[..., 0, 2] = np.sin(angles)
         turn[..., 2, 0] = -turn[..., 0, 2]
         return self.object_from_hinge @ turn @ inverse(self.object_from_hinge)
 
-    def opened_rad(self, shut_from_object: Matrix) -> NDArray[np.float64]:
+    def angle_rad(self, closed_from_object: Matrix) -> NDArray[np.float64]:
         """Opening angles (...) at poses (..., 4, 4) relative to the closed pose."""
-        turn = inverse(self.object_from_hinge) @ shut_from_object @ self.object_from_hinge
+        turn = inverse(self.object_from_hinge) @ closed_from_object @ self.object_from_hinge
         return np.arctan2(turn[..., 0, 2], turn[..., 0, 0])
 
     def scaled(self, size: float) -> "Hinge":
@@ -153,7 +159,7 @@ class Asset:
     heaviest_kg: float | None = None  # upper end of `Randomisation.mass_scale`
     friction: float = 1.0
     static: bool = False  # fixed to the world
-    ghost: bool = False  # a mark on the table: rendered, without collision
+    visual_only: bool = False  # a mark on the table: rendered, without collision
     hinge: Hinge | None = None  # on the object that it is relative to
 
     def __post_init__(self) -> None:
@@ -164,35 +170,35 @@ class Asset:
     @cached_property
     def hulls(self) -> "tuple[trimesh.Trimesh, ...]":
         """Meshes of the convex solid parts, in the asset's frame."""
-        return tuple(part.mesh for part in self.parts if part.solid and not self.ghost)
+        return tuple(part.mesh for part in self.parts if part.solid and not self.visual_only)
 
     @cached_property
-    def content(self) -> str:
+    def content_digest(self) -> str:
         """Digest of everything but the name: the same for the same file or code."""
-        parts = [
+        parts = [  # names of keys as in existing digests
             {
                 "vertices": _rounded(part.mesh.vertices),
                 "faces": part.mesh.faces,
                 **{name: _rounded(getattr(part, name)) for name in ("colour", "roughness", "metallic")},
                 "solid": part.solid,
-                "seen": part.seen,
+                "seen": part.visible,
             }
             for part in self.parts
         ]
         points = {  # defaults of `around` and `hinge` are left out: older digests stay valid
-            name: without({**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}, around=1)
+            name: drop_defaults({**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}, around=1)
             for name, point in self.points.items()
         }
         hinge = self.hinge and {
             **vars(self.hinge),
             "object_from_hinge": _rounded(self.hinge.object_from_hinge),
         }
-        rest = ("mass_kg", "heaviest_kg", "friction", "static", "ghost")
-        said = {"parts": parts, "points": points, **{name: getattr(self, name) for name in rest}}
-        return digest(without({**said, "hinge": hinge}, hinge=None))
+        rest = {name: getattr(self, name) for name in ("mass_kg", "heaviest_kg", "friction", "static")}
+        content = {"parts": parts, "points": points, **rest, "ghost": self.visual_only}
+        return digest(drop_defaults({**content, "hinge": hinge}, hinge=None))
 
     @property
-    def placing(self) -> Mapping[str, InteractionPoint]:
+    def placement_points(self) -> Mapping[str, InteractionPoint]:
         """Points of kind place or drop; the first is the default."""
         return {name: point for name, point in self.points.items() if point.kind in ("place", "drop")}
 
@@ -233,10 +239,14 @@ def convex_pieces(shell: "trimesh.Trimesh") -> "list[trimesh.Trimesh]":
     import trimesh
 
     hull = shell.convex_hull
-    if hull.volume <= CONVEX * shell.volume and len(hull.vertices) <= CORNERS:
+    if hull.volume <= CONVEX_RATIO * shell.volume and len(hull.vertices) <= MAX_VERTICES:
         return [hull]
     coacd.set_log_level("error")
     pieces = coacd.run_coacd(
-        coacd.Mesh(shell.vertices, shell.faces), max_ch_vertex=CORNERS, decimate=True, seed=0, **SEARCH
+        coacd.Mesh(shell.vertices, shell.faces),
+        max_ch_vertex=MAX_VERTICES,
+        decimate=True,
+        seed=0,
+        **COACD_OPTIONS,
     )
     return [trimesh.convex.convex_hull(vertices) for vertices, _ in pieces]

@@ -13,7 +13,7 @@ from rf_exp.texts import printable
 from rf_exp.transforms import Matrix
 
 Element = ElementTree.Element
-TURNS = ("revolute", "continuous")
+ROTATING_JOINTS = ("revolute", "continuous")
 
 
 @dataclass(frozen=True)
@@ -54,40 +54,40 @@ class _Links:
         self._joints = {_child(joint, "child").attrib["link"]: joint for joint in self._root.findall("joint")}
 
     def read(self, moving: bool) -> tuple[list[Visual], Axis | None]:
-        found: list[Visual] = []
+        visuals: list[Visual] = []
         axis = None
         for link in self._root.findall("link"):
             name = link.attrib["name"]
-            root_from_link, moved = self._placed(name)
+            root_from_link, is_moving = self._root_from_link(name)
             joint = self._joints.get(name)
-            if axis is None and joint is not None and joint.attrib["type"] in TURNS:
+            if axis is None and joint is not None and joint.attrib["type"] in ROTATING_JOINTS:
                 axis = _axis(joint, root_from_link)
-            for visual in link.findall("visual") if moved == moving else ():
+            for visual in link.findall("visual") if is_moving == moving else ():
                 mesh = _child(_child(visual, "geometry"), "mesh")
                 scale = np.array(mesh.attrib.get("scale", "1 1 1").split(), float)
                 path = self._path.parent / mesh.attrib["filename"]
-                found.append(Visual(path, root_from_link @ placement(visual), scale))
-        return found, axis
+                visuals.append(Visual(path, root_from_link @ placement(visual), scale))
+        return visuals, axis
 
-    def _placed(self, link: str, below: int = 0) -> tuple[Matrix, bool]:
+    def _root_from_link(self, link: str, depth: int = 0) -> tuple[Matrix, bool]:
         """root_from_link, and whether a joint moves it."""
         if (joint := self._joints.get(link)) is None:
             return np.eye(4), False
-        if below > len(self._joints):
+        if depth > len(self._joints):
             raise ValueError("its joints go round in a circle")
-        parent, moved = self._placed(_child(joint, "parent").attrib["link"], below + 1)
-        return parent @ placement(joint), moved or joint.attrib["type"] != "fixed"
+        parent, is_moving = self._root_from_link(_child(joint, "parent").attrib["link"], depth + 1)
+        return parent @ placement(joint), is_moving or joint.attrib["type"] != "fixed"
 
 
 def _child(node: Element, name: str) -> Element:
-    found = node.find(name)
-    if found is None:
+    child = node.find(name)
+    if child is None:
         raise ValueError(f"<{node.tag}> has no <{name}>")
-    return found
+    return child
 
 
 def _axis(joint: Element, root_from_link: Matrix) -> Axis:
     axis, limit = joint.find("axis"), joint.find("limit")
-    said = np.array((axis.attrib["xyz"] if axis is not None else "1 0 0").split(), float)
-    opens = -1.0 if limit is not None and float(limit.attrib.get("upper", 1)) <= 0 else 1.0
-    return Axis(root_from_link[:3, 3], root_from_link[:3, :3] @ said * opens)
+    direction = np.array((axis.attrib["xyz"] if axis is not None else "1 0 0").split(), float)
+    sign = -1.0 if limit is not None and float(limit.attrib.get("upper", 1)) <= 0 else 1.0
+    return Axis(root_from_link[:3, 3], root_from_link[:3, :3] @ direction * sign)

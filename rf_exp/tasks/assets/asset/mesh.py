@@ -18,28 +18,28 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh.visual import ColorVisuals, uv_to_color
 
-from rf_exp.errors import ArgumentError, about, choices
+from rf_exp.errors import ArgumentError, error_context, unknown_choice
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets.asset.base import Asset, Colour, Hinge, InteractionPoint, Part, convex_pieces
 from rf_exp.transforms import from_axes, transform
 
 Vector = tuple[float, float, float]
 
-COMES_ALONG: Mapping[str, Vector | None] = {  # kind -> default of the frame's z axis; None: required
+DEFAULT_APPROACH: Mapping[str, Vector | None] = {  # kind -> default of the frame's z axis; None: required
     **dict.fromkeys(("grasp", "press", "shut", "tool")),
     **dict.fromkeys(("place", "drop"), (0.0, 0.0, 1.0)),
 }
 DIGITS = 6  # of written numbers
-WIDEST_DEG = 170.0  # largest opening of a hinge
-OF_HINGES = ("open_deg", "falls_deg", "falls_s", "damping_n_m_s")  # fields shared with Hinge
+MAX_OPEN_DEG = 170.0  # largest opening of a hinge
+HINGE_FIELDS = ("open_deg", "falls_deg", "falls_s", "damping_n_m_s")  # fields shared with Hinge
 # fields shared with InteractionPoint
-OF_POINTS = ("kind", "standoff_m", "width_m", "turns", "around", "tip_deg", "slack_m")
-OF_BODIES = ("mass_kg", "heaviest_kg", "friction", "static")  # fields shared with Asset
+POINT_FIELDS = ("kind", "standoff_m", "width_m", "turns", "around", "tip_deg", "slack_m")
+BODY_FIELDS = ("mass_kg", "heaviest_kg", "friction", "static")  # fields shared with Asset
 FORMATS = (".glb", ".obj", ".ply", ".stl")
-LINEAR = (".glb",)  # formats with linear colours, except textures; in all others colours are sRGB
+LINEAR_FORMATS = (".glb",)  # formats with linear colours, except textures; in all others colours are sRGB
 GREY: Colour = (0.35, 0.35, 0.35)
-COLOURS = 16  # above this number, similar colours are merged
-ON_TABLE_M = 0.001  # largest distance of the lowest point from z = 0
+MAX_COLOURS = 16  # above this number, similar colours are merged
+TABLE_TOLERANCE_M = 0.001  # largest distance of the lowest point from z = 0
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class Point:
 
     def interaction_point(self) -> InteractionPoint:
         """Raises ArgumentError for an unknown kind, a missing approach, and parallel directions."""
-        if self.kind not in COMES_ALONG:
-            raise choices("kind", self.kind, COMES_ALONG)
-        approach = self.approach or COMES_ALONG[self.kind]
+        if self.kind not in DEFAULT_APPROACH:
+            raise unknown_choice("kind", self.kind, DEFAULT_APPROACH)
+        approach = self.approach or DEFAULT_APPROACH[self.kind]
         if approach is None:
             raise ArgumentError(f'missing value for field "approach"; a {self.kind} point needs one')
         if not np.any(approach) or np.linalg.norm(np.cross(approach, self.fingers)) < 1e-9:
@@ -77,14 +77,16 @@ class Point:
                 f"approach {approach} and fingers {self.fingers}; expected directions that are not parallel"
             )
         pose = from_axes(self.position_m, z=approach, y=self.fingers)
-        return InteractionPoint(pose, **{name: getattr(self, name) for name in OF_POINTS})
+        return InteractionPoint(pose, **{name: getattr(self, name) for name in POINT_FIELDS})
 
     @staticmethod
     def of(point: InteractionPoint) -> "Point":
         _, y, z = point.object_from_tcp[:3, :3].T
-        same = {name: getattr(point, name) for name in OF_POINTS}
-        position_m = _plain(point.object_from_tcp[:3, 3])
-        return Point(position_m=position_m, approach=_plain(z), fingers=_plain(y), **same)
+        shared_fields = {name: getattr(point, name) for name in POINT_FIELDS}
+        position_m = _rounded_vector(point.object_from_tcp[:3, 3])
+        return Point(
+            position_m=position_m, approach=_rounded_vector(z), fingers=_rounded_vector(y), **shared_fields
+        )
 
 
 @dataclass(frozen=True)
@@ -102,20 +104,22 @@ class HingeSpec:
         """Raises ArgumentError for a zero axis and for angles out of bounds."""
         if not np.any(self.axis):
             raise ArgumentError("axis of the hinge is (0, 0, 0); expected a direction")
-        if not 0 <= self.falls_deg < self.open_deg <= WIDEST_DEG:
+        if not 0 <= self.falls_deg < self.open_deg <= MAX_OPEN_DEG:
             raise ArgumentError(
                 f"the hinge has falls_deg {self.falls_deg:g} and open_deg {self.open_deg:g}; expected "
-                f"0 <= falls_deg < open_deg <= {WIDEST_DEG:g}"
+                f"0 <= falls_deg < open_deg <= {MAX_OPEN_DEG:g}"
             )
         across = np.eye(3)[np.abs(self.axis).argmin()]
         pose = from_axes(self.position_m, z=np.cross(across, self.axis), y=self.axis)
-        return Hinge(pose, **{name: getattr(self, name) for name in OF_HINGES})
+        return Hinge(pose, **{name: getattr(self, name) for name in HINGE_FIELDS})
 
     @staticmethod
     def of(hinge: Hinge) -> "HingeSpec":
         pose = hinge.object_from_hinge
-        same = {name: getattr(hinge, name) for name in OF_HINGES}
-        return HingeSpec(position_m=_plain(pose[:3, 3]), axis=_plain(pose[:3, 1]), **same)
+        shared_fields = {name: getattr(hinge, name) for name in HINGE_FIELDS}
+        return HingeSpec(
+            position_m=_rounded_vector(pose[:3, 3]), axis=_rounded_vector(pose[:3, 1]), **shared_fields
+        )
 
 
 @dataclass(frozen=True)
@@ -169,21 +173,21 @@ def write(asset: Asset, mesh: str) -> str:
     node = {
         "mesh": mesh,
         "scale": 1.0,
-        **{name: getattr(asset, name) for name in OF_BODIES},
+        **{name: getattr(asset, name) for name in BODY_FIELDS},
         "frame": {"position_m": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]},
-        "points": {name: _listed(said) for name, said in points.items()},
+        "points": {name: _with_lists(fields) for name, fields in points.items()},
     }
     if asset.hinge is not None:
-        node["hinge"] = _listed(asdict(HingeSpec.of(asset.hinge)))
+        node["hinge"] = _with_lists(asdict(HingeSpec.of(asset.hinge)))
     return yaml.safe_dump(node, sort_keys=False, default_flow_style=None)
 
 
-def _listed(said: Mapping[str, Any]) -> dict[str, Any]:
+def _with_lists(values: Mapping[str, Any]) -> dict[str, Any]:
     """The mapping with lists in place of tuples, which YAML lacks."""
-    return {key: [*value] if isinstance(value, tuple) else value for key, value in said.items()}
+    return {key: [*value] if isinstance(value, tuple) else value for key, value in values.items()}
 
 
-def _plain(vector: np.ndarray) -> Vector:
+def _rounded_vector(vector: np.ndarray) -> Vector:
     x, y, z = (np.round(vector, DIGITS) + 0.0).tolist()  # + 0.0: no -0.0
     return x, y, z
 
@@ -195,41 +199,42 @@ def build(path: str) -> Asset:
     point is not at z = 0.
     """
     file = Path(path)
-    said = read(file)
-    with about(f"annotation {file}"):
-        parts, points = _parts(said, file.parent / said.mesh), _points(said)
-        hinge = None if said.hinge is None else said.hinge.hinge()
-        body = {name: getattr(said, name) for name in OF_BODIES}
+    annotation = read(file)
+    with error_context(f"annotation {file}"):
+        parts, points = _parts(annotation, file.parent / annotation.mesh), _points(annotation)
+        hinge = None if annotation.hinge is None else annotation.hinge.hinge()
+        body = {name: getattr(annotation, name) for name in BODY_FIELDS}
         return Asset(file.stem, parts=parts, points=points, hinge=hinge, **body)
 
 
-def _points(said: Annotation) -> dict[str, InteractionPoint]:
+def _points(annotation: Annotation) -> dict[str, InteractionPoint]:
     points: dict[str, InteractionPoint] = {}
-    if said.points_of is not None:
-        if said.points_of not in assets.available():
-            raise choices("asset in points_of", said.points_of, assets.available())
-        points |= assets.load(said.points_of).points
-    for name, point in said.points.items():
-        with about(f"point {name!r}"):
+    if annotation.points_of is not None:
+        if annotation.points_of not in assets.available():
+            raise unknown_choice("asset in points_of", annotation.points_of, assets.available())
+        points |= assets.load(annotation.points_of).points
+    for name, point in annotation.points.items():
+        with error_context(f"point {name!r}"):
             points[name] = point.interaction_point()
     return points
 
 
-def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
+def _parts(annotation: Annotation, path: Path) -> tuple[Part, ...]:
     """Convex solid parts that are not rendered, and the coloured surface, which is not solid."""
-    turn = Rotation.from_euler("xyz", said.frame.rotation_deg, degrees=True)
-    asset_from_mesh = transform(said.frame.position_m, turn)
+    turn = Rotation.from_euler("xyz", annotation.frame.rotation_deg, degrees=True)
+    asset_from_mesh = transform(annotation.frame.position_m, turn)
     parts = []
     for geometry in geometries(path):
-        colours = face_colours(geometry, path.suffix.lower() in LINEAR)  # (F, 3)
+        colours = face_colours(geometry, path.suffix.lower() in LINEAR_FORMATS)  # (F, 3)
         # Merge vertices that the file duplicates for shading.
         body = trimesh.Trimesh(geometry.vertices, geometry.faces, process=True)
-        body.apply_scale(said.scale).apply_transform(asset_from_mesh)
-        solids = [piece for shell in _shells(body, path) for piece in convex_pieces(shell)]
-        parts += [Part(piece, GREY, seen=False) for piece in solids]
-        parts += surface(body, colours if said.colour is None else np.tile(said.colour, (len(colours), 1)))
-    lowest_m = min(part.mesh.bounds[0, 2] for part in parts if part.seen)
-    if abs(lowest_m) > ON_TABLE_M:
+        body.apply_scale(annotation.scale).apply_transform(asset_from_mesh)
+        hulls = [piece for shell in _shells(body, path) for piece in convex_pieces(shell)]
+        parts += [Part(piece, GREY, visible=False) for piece in hulls]
+        own_colour = annotation.colour
+        parts += visual_parts(body, colours if own_colour is None else np.tile(own_colour, (len(colours), 1)))
+    lowest_m = min(part.mesh.bounds[0, 2] for part in parts if part.visible)
+    if abs(lowest_m) > TABLE_TOLERANCE_M:
         raise ArgumentError(
             f"the lowest point of {path.name} is at z = {lowest_m:.4f} m; expected 0: "
             f"add {-lowest_m:.4f} to the third number of frame.position_m"
@@ -240,7 +245,7 @@ def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
 def geometries(path: Path) -> list[trimesh.Trimesh]:
     """The meshes of a file, placed as in its scene, in units of the file."""
     if path.suffix.lower() not in FORMATS:
-        raise choices("mesh format", path.suffix, FORMATS)
+        raise unknown_choice("mesh format", path.suffix, FORMATS)
     if not path.is_file():
         raise ArgumentError(f"there is no mesh file {path}")
     try:
@@ -259,10 +264,11 @@ def _shells(body: trimesh.Trimesh, path: Path) -> list[trimesh.Trimesh]:
     for shell in shells:
         shell.fix_normals()
         if not shell.is_watertight or shell.volume <= 0:
-            bad = int((np.bincount(shell.edges_unique_inverse) != 2).sum())
+            open_edges = int((np.bincount(shell.edges_unique_inverse) != 2).sum())
             raise ArgumentError(
-                f"mesh {path.name} is not watertight: in a piece of {len(shell.faces)} triangles {bad} edges "
-                "do not have a triangle on either side; expected closed surfaces, with an inside"
+                f"mesh {path.name} is not watertight: in a piece of {len(shell.faces)} triangles "
+                f"{open_edges} edges do not have a triangle on either side; expected closed surfaces, with "
+                "an inside"
             )
     return shells
 
@@ -285,15 +291,15 @@ def face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64]
     return rgb if linear else np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
 
 
-def surface(body: trimesh.Trimesh, colours: NDArray[np.float64]) -> list[Part]:
+def visual_parts(body: trimesh.Trimesh, colours: NDArray[np.float64]) -> list[Part]:
     """One visual part per colour; above COLOURS, similar colours are merged to their mean."""
-    keys, group = np.unique(colours, axis=0, return_inverse=True)
-    if len(keys) > COLOURS:
-        keys, group = np.unique(np.round(colours * 3), axis=0, return_inverse=True)  # 4 levels per channel
+    palette, group = np.unique(colours, axis=0, return_inverse=True)
+    if len(palette) > MAX_COLOURS:
+        palette, group = np.unique(np.round(colours * 3), axis=0, return_inverse=True)  # 4 levels per channel
     parts = []
-    for k in range(len(keys)):
+    for k in range(len(palette)):
         faces = np.flatnonzero(group.ravel() == k)
         red, green, blue = colours[faces].mean(axis=0).tolist()
-        painted: Any = body.submesh([faces], append=True, repair=False)
-        parts.append(Part(painted, (red, green, blue), solid=False))
+        mesh: Any = body.submesh([faces], append=True, repair=False)
+        parts.append(Part(mesh, (red, green, blue), solid=False))
     return parts

@@ -24,15 +24,15 @@ class Source:
 
 
 @cache
-def released() -> Mapping[str, Source]:
+def release_sources() -> Mapping[str, Source]:
     """Built-in asset -> its files in the release."""
     node: Any = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
-    return {name: Source(**said) for name, said in node.items()}
+    return {name: Source(**fields) for name, fields in node.items()}
 
 
 def seat_m(folder: str, like: str, bearer: str) -> float | None:
     """Height of a moving part's underside above its bearer's; None unless both are in the release."""
-    if released()[like].link != MOVING or bearer not in released():
+    if release_sources()[like].link != MOVING or bearer not in release_sources():
         return None
     from rf_exp.tasks.assets.asset.annotated import shape_of  # meshes are slow to import
 

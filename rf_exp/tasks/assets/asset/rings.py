@@ -19,4 +19,6 @@ def ring(
         product(edges, (inner_m, outer_m), (low_m, high_m))
         for edges in pairwise(np.linspace(0, 2 * np.pi, count + 1))
     ]
-    return [np.array([(r * np.cos(angle), r * np.sin(angle), z) for angle, r, z in each]) for each in pieces]
+    return [
+        np.array([(r * np.cos(angle), r * np.sin(angle), z) for angle, r, z in corners]) for corners in pieces
+    ]

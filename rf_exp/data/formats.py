@@ -12,7 +12,7 @@ from rf_exp.errors import ArgumentError
 Advance = Callable[[], object]  # called after each episode
 
 
-def library(name: str) -> Any:
+def import_library(name: str) -> Any:
     """Imports a module that a format needs. Raises ArgumentError that says how to install it."""
     try:
         return import_module(name)
@@ -23,18 +23,18 @@ def library(name: str) -> Any:
         ) from error
 
 
-def create(group: Any, arrays: Mapping[str, NDArray[Any]], compressed: bool = False) -> None:
+def create_datasets(group: Any, arrays: Mapping[str, NDArray[Any]], compressed: bool = False) -> None:
     """Creates arrays in an HDF5 group, by name; `compressed` compresses each row as a chunk of its own."""
     for name, rows in arrays.items():
         chunked = {"chunks": (1, *rows.shape[1:]), "compression": "gzip"} if compressed else {}
         group.create_dataset(name, data=rows, **chunked)
 
 
-def flat(values: NDArray[Any]) -> NDArray[Any]:
+def flatten_agents(values: NDArray[Any]) -> NDArray[Any]:
     """(T, N, D) -> (T, N * D)."""
     return values.reshape(len(values), -1)
 
 
-def last(steps: int) -> NDArray[np.bool_]:
+def success_flags(steps: int) -> NDArray[np.bool_]:
     """(T,) true in the last row only: every stored episode succeeds, and ends, with its last action."""
     return np.arange(steps) == steps - 1

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.robots.closed_form import ClosedForm, XArm7ClosedForm
 from rf_exp.robots.mounted import Mounted
 from rf_exp.robots.robot import Finger, Hand, Robot
 from rf_exp.robots.ur import UR5ClosedForm
 
 PANDA_URDF = "package://mani_skill/assets/robots/panda/panda_v2.urdf"
-ASKEW_RAD = (0.0, 0.0, -np.pi / 4)  # of the gripper at the Panda's flange
+HAND_MOUNT_RAD = (0.0, 0.0, -np.pi / 4)  # of the gripper at the Panda's flange
 
 # Franka Emika Panda with its two-finger gripper; URDF and meshes from ManiSkill's package.
 PANDA = Robot(
@@ -40,7 +40,11 @@ XARM7 = Robot(
     name="xarm7",
     title="xArm7 with the Panda's gripper",
     urdf=Mounted(
-        "package://mani_skill/assets/robots/xarm7/xarm7.urdf", "link7", PANDA_URDF, "panda_hand", ASKEW_RAD
+        "package://mani_skill/assets/robots/xarm7/xarm7.urdf",
+        "link7",
+        PANDA_URDF,
+        "panda_hand",
+        HAND_MOUNT_RAD,
     ),
     joints=tuple(f"joint{k}" for k in range(1, 8)),
     hand=PANDA.hand,
@@ -75,23 +79,23 @@ UR5 = Robot(
     inverse=UR5ClosedForm,
 )
 DEFAULT = PANDA  # for tasks that name none, and for data without a robot, from earlier versions
-_KNOWN = {robot.name: robot for robot in (PANDA, XARM7, UR5)}
+_ROBOTS = {robot.name: robot for robot in (PANDA, XARM7, UR5)}
 
 
 def add_robot(robot: Robot) -> None:
     """Registers a robot for tasks. Raises ArgumentError for the name of another robot."""
-    known = _KNOWN.setdefault(robot.name, robot)
-    if known != robot:
+    registered = _ROBOTS.setdefault(robot.name, robot)
+    if registered != robot:
         raise ArgumentError(f"there is another robot called {robot.name!r}; call it otherwise")
 
 
 def robot_named(name: str) -> Robot:
     """The robot with a name. Raises ArgumentError for an unknown name."""
-    if name not in _KNOWN:
-        raise choices("robot model", name, _KNOWN)
-    return _KNOWN[name]
+    if name not in _ROBOTS:
+        raise unknown_choice("robot model", name, _ROBOTS)
+    return _ROBOTS[name]
 
 
 def known_robots() -> tuple[Robot, ...]:
     """All registered robots, in the order in which they were added."""
-    return tuple(_KNOWN.values())
+    return tuple(_ROBOTS.values())

@@ -21,13 +21,13 @@ from rf_exp.artifacts import write_text
 from rf_exp.datagen.brain.protocol import BadAnswer, read_object, strict_answer
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Finding
-from rf_exp.secrets import SECRET, check_address, check_environment_name, no_key_here, without
+from rf_exp.secrets import SECRET_NAMES, check_address, check_environment_name, key_in_config_error, mask_key
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
 from rf_exp.types import ConstraintSet
 
-_NO_KEY = "none"  # sent to a server that needs no key
-SENT = {  # field of every request -> where it is set
+_UNUSED_KEY = "none"  # sent to a server that needs no key
+REQUEST_FIELDS = {  # field of every request -> where it is set
     "model": "brain.model",
     "messages": "the question",
     "response_format": "brain.structured",
@@ -35,7 +35,7 @@ SENT = {  # field of every request -> where it is set
     "max_completion_tokens": "brain.max_tokens",
     "stream": "nobody, as answers are read whole",
 }
-_EXAMPLE = "{chat_template_kwargs: {enable_thinking: false}}"
+_EXAMPLE_BODY = "{chat_template_kwargs: {enable_thinking: false}}"
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Connection:
     @property
     def sampling(self) -> dict[str, object]:
         """The sampling options that are recorded with every answer."""
-        how = {key: getattr(self, key) for key in ("temperature", "max_tokens", "structured", "enumerated")}
-        return {**how, **(self.extra_body or {})}
+        keys = ("temperature", "max_tokens", "structured", "enumerated")
+        return {**{key: getattr(self, key) for key in keys}, **(self.extra_body or {})}
 
     def address(self) -> str | None:
         """The server's address; None for OpenAI itself. Raises ArgumentError."""
@@ -96,36 +96,36 @@ class Connection:
             )
         if not key.isascii() or not key.isprintable():
             raise ArgumentError(f"the key in the environment variable {self.api_key_env} is not plain ASCII")
-        return key or _NO_KEY
+        return key or _UNUSED_KEY
 
 
 def _check_extra_body(value: object) -> None:
     """Raises ArgumentError for anything but a JSON object of the server's own options without a key."""
     if not isinstance(value, Mapping):
         raise ArgumentError(
-            f"brain.extra_body is {value!r}; expected a mapping of the server's options, e.g. {_EXAMPLE}"
+            f"brain.extra_body is {value!r}; expected a mapping of the server's options, e.g. {_EXAMPLE_BODY}"
         )
-    if taken := [name for name in value if name in SENT]:
-        said = ", ".join(f"{name} ({by})" for name, by in SENT.items())
+    if reserved := [name for name in value if name in REQUEST_FIELDS]:
+        settings = ", ".join(f"{name} ({setting})" for name, setting in REQUEST_FIELDS.items())
         raise ArgumentError(
-            f"brain.extra_body holds {taken[0]!r}, which every request has already; said elsewhere: {said}; "
-            f"possible here are other options of the server, e.g. {_EXAMPLE}"
+            f"brain.extra_body holds {reserved[0]!r}, which every request has already; set elsewhere: "
+            f"{settings}; possible here are other options of the server, e.g. {_EXAMPLE_BODY}"
         )
-    if secret := next((name for name in _names(value) if name.lower() in SECRET), None):
-        raise no_key_here(f"extra_body: {secret}")
+    if secret_name := next((name for name in _nested_keys(value) if name.lower() in SECRET_NAMES), None):
+        raise key_in_config_error(f"extra_body: {secret_name}")
     try:
         json.dumps(value, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ArgumentError(f"brain.extra_body: {error}; expected values that JSON has") from None
 
 
-def _names(value: object) -> Iterator[str]:
+def _nested_keys(value: object) -> Iterator[str]:
     """The keys of nested mappings."""
     if isinstance(value, Mapping):
         yield from map(str, value)
         value = [*value.values()]
-    for each in value if isinstance(value, list) else ():
-        yield from _names(each)
+    for item in value if isinstance(value, list) else ():
+        yield from _nested_keys(item)
 
 
 @dataclass(frozen=True)
@@ -148,13 +148,13 @@ class Usage:
 class Chat(Protocol):
     """Source of answers to messages, live or from a recording."""
 
-    asked: "list[Exchange]"  # in this episode
+    exchanges: "list[Exchange]"  # in this episode
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """The text of the answer, requested as JSON of that schema. Raises BadAnswer for no answer."""
         ...
 
-    def judged(self, verdicts: Sequence[str]) -> None:
+    def record_verdicts(self, verdicts: Sequence[str]) -> None:
         """Called at the end with the outcomes of the proposals of the episode, in their order."""
         ...
 
@@ -202,17 +202,17 @@ def exchanges_path(folder: Path, task: Task, constraint_set: ConstraintSet, seed
     return folder / task.name / constraint_set.name / f"{seed}.jsonl"
 
 
-def read(path: Path) -> tuple[Exchange, ...]:
+def read_exchanges(path: Path) -> tuple[Exchange, ...]:
     """The recorded exchanges of an episode. Raises StageError for an invalid line."""
-    found = []
+    exchanges = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
-            found.append(
+            exchanges.append(
                 dacite.from_dict(Exchange, json.loads(line), dacite.Config(cast=[Finding], strict=True))
             )
         except (ValueError, TypeError, dacite.DaciteError) as error:
             raise StageError(f"{path}, line {number}: not a recorded exchange: {error}") from error
-    return tuple(found)
+    return tuple(exchanges)
 
 
 class OpenAIChat:
@@ -223,52 +223,52 @@ class OpenAIChat:
     def __init__(self, connection: Connection, path: Path | None) -> None:
         self._connection, self._path = connection, path
         self._key = connection.key()
-        self.asked: list[Exchange] = []
+        self.exchanges: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         from rf_exp.datagen.brain.request import Received, request  # half a second, only for live models
 
-        if len(self.asked) >= self._connection.budget:
-            told = f"the model was not asked: the budget of {self._connection.budget} calls is used up"
-            raise BadAnswer(told, Finding.SPENT)
-        if (early_s := OpenAIChat._free_at_s - time.monotonic()) > 0:
-            time.sleep(early_s)
+        if len(self.exchanges) >= self._connection.budget:
+            message = f"the model was not asked: the budget of {self._connection.budget} calls is used up"
+            raise BadAnswer(message, Finding.SPENT)
+        if (wait_s := OpenAIChat._free_at_s - time.monotonic()) > 0:
+            time.sleep(wait_s)
         OpenAIChat._free_at_s = time.monotonic() + self._connection.min_interval_s
-        began = time.perf_counter()
+        start_s = time.perf_counter()
         try:
             received = asyncio.run(request(self._connection, self._key, messages, schema))
         except BadAnswer as failure:
             received = Received(failure)
-        said = received.said
+        content = received.content
         exchange = Exchange(
-            call=len(self.asked) + 1,
+            call=len(self.exchanges) + 1,
             purpose=purpose,
             question_sha256=question_sha256(purpose, messages),
             messages=[without_pictures(message) for message in messages],
             model=self._connection.model,
-            reply=without(said, self._key) if isinstance(said, str) else None,
-            error=without(str(said), self._key) if isinstance(said, BadAnswer) else None,
-            latency_s=round(time.perf_counter() - began, 3),
+            reply=mask_key(content, self._key) if isinstance(content, str) else None,
+            error=mask_key(str(content), self._key) if isinstance(content, BadAnswer) else None,
+            latency_s=round(time.perf_counter() - start_s, 3),
             sampling=self._connection.sampling,
             finish_reason=received.finish_reason,
             usage=received.usage,
-            finding=said.finding if isinstance(said, BadAnswer) else None,
+            finding=content.finding if isinstance(content, BadAnswer) else None,
         )
-        self.asked.append(exchange)
-        self._keep()
+        self.exchanges.append(exchange)
+        self._write()
         return exchange.answer
 
-    def judged(self, verdicts: Sequence[str]) -> None:
+    def record_verdicts(self, verdicts: Sequence[str]) -> None:
         """Records the outcomes of the proposals of the episode, in their order."""
-        proposed = [at for at, each in enumerate(self.asked) if each.purpose == "propose"]
-        for at, verdict in zip(proposed, verdicts, strict=False):
-            self.asked[at] = replace(self.asked[at], verdict=verdict)
-        self._keep()
+        proposals = [k for k, exchange in enumerate(self.exchanges) if exchange.purpose == "propose"]
+        for k, verdict in zip(proposals, verdicts, strict=False):
+            self.exchanges[k] = replace(self.exchanges[k], verdict=verdict)
+        self._write()
 
-    def _keep(self) -> None:
+    def _write(self) -> None:
         """Rewrites the file with the exchanges so far."""
         if self._path is not None:
-            write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self.asked))
+            write_text(self._path, "".join(json.dumps(asdict(each)) + "\n" for each in self.exchanges))
 
 
 class ReplayChat:
@@ -276,25 +276,25 @@ class ReplayChat:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._recorded = read(path) if path.exists() else None
-        self.asked: list[Exchange] = []
+        self._recorded = read_exchanges(path) if path.exists() else None
+        self.exchanges: list[Exchange] = []
 
     def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """Raises BadAnswer without a recording, beyond its end, or for a question that differs from it."""
         if self._recorded is None:
             raise BadAnswer(f"there is no recording {self._path}")
-        if len(self.asked) == len(self._recorded):
+        if len(self.exchanges) == len(self._recorded):
             raise BadAnswer(f"the recording {self._path} is over after {len(self._recorded)} calls")
-        exchange = self._recorded[len(self.asked)]
+        exchange = self._recorded[len(self.exchanges)]
         if exchange.question_sha256 != question_sha256(purpose, messages):
             raise BadAnswer(
-                f"call {len(self.asked) + 1} asks another question than the recording {self._path}: "
+                f"call {len(self.exchanges) + 1} asks another question than the recording {self._path}: "
                 f"{_difference(exchange, purpose, messages)}"
             )
-        self.asked.append(exchange)
+        self.exchanges.append(exchange)
         return exchange.answer
 
-    def judged(self, verdicts: Sequence[str]) -> None:
+    def record_verdicts(self, verdicts: Sequence[str]) -> None:
         """Leaves the recording unchanged."""
 
 
@@ -322,7 +322,7 @@ class Probe:
     """Result of `probe`: how the server treats the JSON schema, and a message about it."""
 
     verdict: Verdict
-    found: str
+    message: str
 
 
 def probe(connection: Connection, task: Task) -> Probe:
@@ -334,20 +334,20 @@ def probe(connection: Connection, task: Task) -> Probe:
     from rf_exp.datagen.brain.request import request
 
     key, answer = connection.key(), strict_answer(task)
-    asked = replace(connection, structured=True, retries=0)
-    who = f"{connection.model} at {connection.address() or 'OpenAI'}"
+    strict = replace(connection, structured=True, retries=0)
+    server = f"{connection.model} at {connection.address() or 'OpenAI'}"
     try:
-        text = asyncio.run(request(asked, key, _QUESTION, answer.model_json_schema())).text
+        text = asyncio.run(request(strict, key, _QUESTION, answer.model_json_schema())).text
     except BadAnswer as error:
-        reason = without(str(error), key)
+        reason = mask_key(str(error), key)
         if error.finding is Finding.UNREACHED:
-            return Probe("unreachable", f"{who}: {reason}")
+            return Probe("unreachable", f"{server}: {reason}")
         if error.finding is Finding.REJECTED:
-            return Probe("refused", f"{who} refuses a request with the JSON schema: {reason}")
-        return Probe("unknown", f"{who} answers, but not so that the JSON schema shows: {reason}")
+            return Probe("refused", f"{server} refuses a request with the JSON schema: {reason}")
+        return Probe("unknown", f"{server} answers, but not so that the JSON schema shows: {reason}")
     try:
         answer.model_validate(read_object(text, "Subgoals"))
     except (BadAnswer, ValidationError):
-        begins = printable(without(text, key), 60)
-        return Probe("ignored", f"{who} ignores the JSON schema; its answer begins {begins!r}")
-    return Probe("honoured", f"{who} honours the JSON schema")
+        beginning = printable(mask_key(text, key), 60)
+        return Probe("ignored", f"{server} ignores the JSON schema; its answer begins {beginning!r}")
+    return Probe("honoured", f"{server} honours the JSON schema")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen.brain import BadAnswer, Question, ReplaySpec, from_json, to_json
-from rf_exp.datagen.brain.talk import read
+from rf_exp.datagen.brain.chat import read_exchanges
 from rf_exp.errors import ArgumentError
 from rf_exp.types import Subgoal
 from tests.datagen.guard import FULL
@@ -27,7 +27,7 @@ def test_a_model_makes_an_episode_that_is_repeated_from_its_recording(lift_world
     assert live.success and live.attempts == 1 and len(server.requests) == 3
     assert set(server.keys) == {f"Bearer {KEY}"}
 
-    kept = read((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
+    kept = read_exchanges((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
     assert [(e.call, e.purpose, e.error) for e in kept] == [(k, "propose", None) for k in (1, 2, 3)]
     assert kept[0].reply == scripted_answers(task)[0] and kept[0].latency_s > 0
     assert [e.verdict for e in kept] == ["carried out", "carried out", "nothing left"]

@@ -8,7 +8,15 @@ from typing import Any
 
 import yaml
 
-from rf_exp.tasks import CONFIGURED, Task, borrowed_words, parsed, parted, read_task, unmarked
+from rf_exp.tasks import (
+    CONFIGURED,
+    Task,
+    parse_family_name,
+    read_task,
+    release_label,
+    split_marks,
+    split_robots,
+)
 
 Grid = Mapping[str, Mapping[str, float]]  # row -> task -> figure
 
@@ -92,21 +100,21 @@ def title_of(task: str, suite: Suite) -> str:
     """The configured title of a task; where it is not in the suite its name in title case."""
     if task in suite:
         return suite[task].title
-    usual, marks = unmarked(task)
+    base, marks = split_marks(task)
     if marks:
-        return f"{title_of(usual, suite)} ({borrowed_words(marks)})"
-    usual, robots = parted(task)
+        return f"{title_of(base, suite)} ({release_label(marks)})"
+    base, robots = split_robots(task)
     if robots:
-        return f"{title_of(usual, suite)} ({', '.join(robots)})"
-    family, *numbers = parsed(task) or (task,)
+        return f"{title_of(base, suite)} ({', '.join(robots)})"
+    family, *numbers = parse_family_name(task) or (task,)
     return f"{family.replace('_', ' ').title()} {' x '.join(map(str, numbers))}".strip()
 
 
 def agents_of(task: str, suite: Suite) -> int | None:
     if task in suite:
         return suite[task].agents
-    usual, _ = parted(unmarked(task)[0])
-    if usual != task:
-        return agents_of(usual, suite)
-    _, arms, _ = parsed(task) or (None, None, None)
+    base, _ = split_robots(split_marks(task)[0])
+    if base != task:
+        return agents_of(base, suite)
+    _, arms, _ = parse_family_name(task) or (None, None, None)
     return arms or paper().levels.get(task)

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.tasks import labelled
+from rf_exp.tasks import label_images
 from rf_exp.types import Extras
 
 if TYPE_CHECKING:
     from rf_exp.sim.simulator import Simulator
 
 
-class Limited:
+class CameraSubset:
     """Simulator with pictures from some cameras only, or from none; depth is still available on request."""
 
     def __init__(self, world: "Simulator", cameras: Sequence[str] = ()) -> None:
@@ -32,11 +32,11 @@ def depth_and_segmentation(world: "Simulator", cameras: Iterable[str], extras: E
     `depth_<camera>` (H, W) u16 is millimetres along the viewing direction, 0 for no surface;
     `segmentation_<camera>` (H, W) u8 is an index into `labels`, the same in all scenes of a task.
     """
-    found: dict[str, NDArray] = {}
+    arrays: dict[str, NDArray] = {}
     if extras.depth:
         for name, image in world.depth(cameras).items():
-            found[f"depth_{name}"] = np.rint(image * 1000).astype(np.uint16)
+            arrays[f"depth_{name}"] = np.rint(image * 1000).astype(np.uint16)
     if extras.segmentation:
-        images = labelled(world.task, world.segmentation(cameras), world.bodies())
-        found |= {f"segmentation_{name}": image for name, image in images.items()}
-    return found
+        images = label_images(world.task, world.segmentation(cameras), world.bodies())
+        arrays |= {f"segmentation_{name}": image for name, image in images.items()}
+    return arrays

@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from sapien import physx
 from scipy.spatial.transform import Rotation
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, unknown_choice
 from rf_exp.robots import Robot, known_robots
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.objects import matrix_of
-from rf_exp.sim.robots import Rows
+from rf_exp.sim.robots import JointInterface
 from rf_exp.tasks import assets
 from rf_exp.transforms import Matrix, apply, inverse, transform
 from rf_exp.types import CONTROL_HZ, FINGERS, Scene
 
 CONTROL_MODE = "pd_joint_pos"
-SAME_M = 1e-3  # tolerance between the pose of a link and the robot's model
-TABLE_M = 1e-3  # bodies that are nowhere higher are part of the table
+POSE_TOLERANCE_M = 1e-3  # tolerance between the pose of a link and the robot's model
+TABLE_HEIGHT_M = 1e-3  # bodies that are nowhere higher are part of the table
 ROUND_SECTIONS = 24  # of a cylinder; round shapes are enclosed by polyhedra
 ALONG_X = transform(rotation=Rotation.from_euler("y", np.pi / 2))  # from trimesh's axis, z, to PhysX's
 
@@ -54,7 +54,7 @@ class Arm:
 
 
 @dataclass(frozen=True)
-class Stepped:
+class StepResult:
     """Result of a control step of the environment."""
 
     scene: Scene
@@ -63,45 +63,47 @@ class Stepped:
     info: Mapping[str, Any]  # unchanged
 
 
-class Stock:
+class ThirdPartyEnvironment:
     """Third-party ManiSkill environment, in the state in which it is read.
 
     Names are ManiSkill's, with `_` for every character that is no letter, digit or `_`. Bodies nowhere higher
-    than `TABLE_M` form the table and are left out of `bodies`. Poses of bodies are those of their own frames.
+    than `TABLE_HEIGHT_M` form the table and are left out of `bodies`. Poses are those of the body frames.
     Raises ArgumentError for an environment that cannot be read, with what is expected instead.
     """
 
     def __init__(self, env: Any, ignore: Collection[str] = ()) -> None:
         """`ignore`: names of bodies to leave out. Raises ArgumentError for an unknown name."""
-        self._env, self._base = env, _checked(getattr(env, "unwrapped", env))
+        self._env, self._base = env, _supported(getattr(env, "unwrapped", env))
         agent: Any = self._base.agent
         self._single = not isinstance(agent, MultiAgent)
         arms: dict[str, Any] = {agent.uid: agent} if self._single else dict(agent.agents_dict)
-        models = {name: _model(name, arm) for name, arm in arms.items()}
-        self._grippers = {name: _gripper(name, arm, models[name]) for name, arm in arms.items()}
+        models = {name: _matching_robot(name, arm) for name, arm in arms.items()}
+        self._action_functions = {
+            name: _action_function(name, arm, models[name]) for name, arm in arms.items()
+        }
         size = max(model.dof for model in models.values()) + FINGERS
-        rows = {name: Rows(models[name], arm.robot, size) for name, arm in arms.items()}
-        self._rows = [*rows.values()]
-        self.arms = tuple(_arm(name, arm, models[name], rows[name]) for name, arm in arms.items())
-        found = _components(self._base, arms)
+        joints = {name: JointInterface(models[name], arm.robot, size) for name, arm in arms.items()}
+        self._joints = [*joints.values()]
+        self.arms = tuple(_read_arm(name, arm, models[name], joints[name]) for name, arm in arms.items())
+        components = _rigid_bodies(self._base, arms)
         for name in ignore:
-            if name not in found:
-                raise choices("body to ignore", name, found)
-        self._bodies = {name: body for name, body in found.items() if name not in ignore}
-        read: dict[str, Body] = {}
+            if name not in components:
+                raise unknown_choice("body to ignore", name, components)
+        self._bodies = {name: body for name, body in components.items() if name not in ignore}
+        bodies: dict[str, Body] = {}
         for name, body in self._bodies.items():
-            component: Any = body
-            dynamic = isinstance(component, physx.PhysxRigidDynamicComponent) and not component.kinematic
-            read[name] = Body(solids(component, name), dynamic, float(component.mass) if dynamic else 0.0)
-        self.table = tuple(name for name, body in read.items() if self._is_table(name, body))
+            rigid_body: Any = body
+            dynamic = isinstance(rigid_body, physx.PhysxRigidDynamicComponent) and not rigid_body.kinematic
+            bodies[name] = Body(solids(rigid_body, name), dynamic, float(rigid_body.mass) if dynamic else 0.0)
+        self.table = tuple(name for name, body in bodies.items() if self._is_table(name, body))
         for name in self.table:
-            del self._bodies[name], read[name]
-        self.bodies: Mapping[str, Body] = read
+            del self._bodies[name], bodies[name]
+        self.bodies: Mapping[str, Body] = bodies
         hands = [model.hand for model in models.values()]
         entities = {name: body.entity for name, body in self._bodies.items()}
-        self._contacts = Contacts([each.arm for each in self._rows], hands, entities)
-        self._seed, self._read_at = self._episode(), self._now()
-        self._poses, self._measured_at = self.poses(), self._read_at
+        self._contacts = Contacts([arm_joints.arm for arm_joints in self._joints], hands, entities)
+        self._seed, self._read_step = self._episode_key(), self._elapsed_steps()
+        self._poses, self._measured_step = self.poses(), self._read_step
         self._speeds = dict.fromkeys(self._poses, 0.0)
 
     def poses(self) -> dict[str, Matrix]:
@@ -113,40 +115,40 @@ class Stock:
 
         Raises ArgumentError where the environment has been reset since it was read.
         """
-        now = self._now()
-        if self._episode() != self._seed or now < self._read_at:
+        step = self._elapsed_steps()
+        if self._episode_key() != self._seed or step < self._read_step:
             raise ArgumentError("the environment was reset after its scene was read; read it again")
-        poses, passed_s = self.poses(), (now - self._measured_at) / CONTROL_HZ
+        poses, passed_s = self.poses(), (step - self._measured_step) / CONTROL_HZ
         if passed_s:
             moved_m = {name: np.linalg.norm((poses[name] - self._poses[name])[:3, 3]) for name in poses}
             self._speeds = {name: float(metres) / passed_s for name, metres in moved_m.items()}
-            self._poses, self._measured_at = poses, now
+            self._poses, self._measured_step = poses, step
         physics: Any = self._base.scene.px
         # After a reset, PhysX lists the contacts of the last episode until the first step.
-        contacts = physics.get_contacts() if now else []
-        held, pushes = self._contacts.of_fingers(contacts, physics.timestep)
-        pressed = self._contacts.between_arms(contacts, physics.timestep)
+        contacts = physics.get_contacts() if step else []
+        held, pushes = self._contacts.finger_contacts(contacts, physics.timestep)
+        arm_forces = self._contacts.arm_contacts(contacts, physics.timestep)
         return Scene(
-            step=now,
-            qpos=np.stack([rows.qpos() for rows in self._rows]),
-            qvel=np.stack([rows.qvel() for rows in self._rows]),
+            step=step,
+            qpos=np.stack([joints.qpos() for joints in self._joints]),
+            qvel=np.stack([joints.qvel() for joints in self._joints]),
             poses=poses,
             speeds=dict(self._speeds),
             held=held,
             finger_forces=pushes,
-            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
+            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(arm_forces.items())),
         )
 
-    def step(self, command: NDArray[np.float64]) -> Stepped:
+    def step(self, command: NDArray[np.float64]) -> StepResult:
         """Run one control step with (N, A) joint targets in rad and grippers from -1 closed to 1 open."""
-        grippers = zip(self._grippers.items(), command, strict=True)
-        actions = {name: gripper(row) for (name, gripper), row in grippers}
+        rows_by_arm = zip(self._action_functions.items(), command, strict=True)
+        actions = {name: action_of(row) for (name, action_of), row in rows_by_arm}
         action: Any = next(iter(actions.values())) if self._single else actions
         _, _, terminated, truncated, info = self._env.step(action)
-        return Stepped(self.scene(), bool(terminated), bool(truncated), info)
+        return StepResult(self.scene(), bool(terminated), bool(truncated), info)
 
     def _is_table(self, name: str, body: Body) -> bool:
-        """Whether a body is nowhere higher than `TABLE_M`. Of a plane only its height counts.
+        """Whether a body is nowhere higher than `TABLE_HEIGHT_M`. Of a plane only its height counts.
 
         Raises ArgumentError for a higher plane.
         """
@@ -156,19 +158,19 @@ class Stock:
             for shape in self._bodies[name].collision_shapes
             if isinstance(shape, physx.PhysxCollisionShapePlane)
         ]
-        if planes and max(planes) > TABLE_M:
+        if planes and max(planes) > TABLE_HEIGHT_M:
             raise ArgumentError(f"{name} is a plane at z = {max(planes):g} m; expected at most 0")
         tops = [float(apply(pose, np.asarray(solid.vertices))[:, 2].max()) for solid in body.solids]
-        return bool(planes or tops) and max([*planes, *tops]) <= TABLE_M
+        return bool(planes or tops) and max([*planes, *tops]) <= TABLE_HEIGHT_M
 
-    def _now(self) -> int:
+    def _elapsed_steps(self) -> int:
         return int(self._base.elapsed_steps[0])
 
-    def _episode(self) -> tuple[int, int]:
+    def _episode_key(self) -> tuple[int, int]:
         return int(self._base._episode_seed[0]), id(self._base.scene)
 
 
-def _checked(base: Any) -> BaseEnv:
+def _supported(base: Any) -> BaseEnv:
     if not isinstance(base, BaseEnv):
         raise ArgumentError(
             f"{type(base).__name__} is no ManiSkill environment; expected gymnasium.make's of one"
@@ -187,25 +189,27 @@ def _checked(base: Any) -> BaseEnv:
     return base
 
 
-def _model(name: str, arm: Any) -> Robot:
+def _matching_robot(name: str, arm: Any) -> Robot:
     """The known robot with the joints of an arm. Raises ArgumentError where there is none."""
     joints = [joint.name for joint in arm.robot.active_joints]
     for robot in known_robots():
-        if sorted(joints) == sorted(robot.active):
+        if sorted(joints) == sorted(robot.active_joints):
             return robot
-    possible = "; ".join(f"{robot.title}: {', '.join(robot.active)}" for robot in known_robots())
+    possible = "; ".join(f"{robot.title}: {', '.join(robot.active_joints)}" for robot in known_robots())
     raise ArgumentError(f"{name} has the joints {', '.join(joints)}; expected a {possible}")
 
 
-def _gripper(name: str, arm: Any, robot: Robot) -> Callable[[NDArray[np.float64]], NDArray[np.float32]]:
+def _action_function(
+    name: str, arm: Any, robot: Robot
+) -> Callable[[NDArray[np.float64]], NDArray[np.float32]]:
     """Returns a function from an arm's row of a command to its action in the environment.
 
     Raises ArgumentError for an arm that does not take absolute joint targets and a gripper width.
     """
     controllers = getattr(arm.controller, "controllers", {})
     joint, gripper = controllers.get("arm"), controllers.get("gripper")
-    told = joint.config if isinstance(joint, PDJointPosController) else None
-    absolute = told is not None and not (told.use_delta or told.normalize_action)
+    config = joint.config if isinstance(joint, PDJointPosController) else None
+    absolute = config is not None and not (config.use_delta or config.normalize_action)
     if not absolute or not isinstance(gripper, PDJointPosMimicController) or gripper.config.use_delta:
         raise ArgumentError(
             f"{name} has the control mode {arm.control_mode!r}; expected absolute joint targets in rad: "
@@ -214,38 +218,38 @@ def _gripper(name: str, arm: Any, robot: Robot) -> Callable[[NDArray[np.float64]
     lowest, highest = gripper._get_joint_limits()[0].tolist()
     finger = robot.hand.fingers[0]
     closed, opened = finger.position(0.0), finger.position(robot.hand.open_m)
-    if abs(highest - max(closed, opened)) > SAME_M or lowest > min(closed, opened):
+    if abs(highest - max(closed, opened)) > POSE_TOLERANCE_M or lowest > min(closed, opened):
         raise ArgumentError(
-            f"the fingers of {name} are told to be at {lowest:g} to {highest:g} m; expected at most "
+            f"the fingers of {name} are commanded to {lowest:g} to {highest:g} m; expected at most "
             f"{min(closed, opened):g} to {max(closed, opened):g} m"
         )
     space: Any = gripper.single_action_space
     spans = {part: slice(*span) for part, span in arm.controller.action_mapping.items()}
     size = int(arm.controller.single_action_space.shape[0])
     ends = float(space.low[0]), float(space.high[0])
-    shut, wide = ends if closed < opened else ends[::-1]
+    closed_action, open_action = ends if closed < opened else ends[::-1]
 
     def action(row: NDArray[np.float64]) -> NDArray[np.float32]:
-        found = np.zeros(size, np.float32)
-        found[spans["arm"]] = row[: robot.dof]
-        share = (np.clip(row[-1], -1.0, 1.0) + 1) / 2
-        found[spans["gripper"]] = shut + share * (wide - shut)
-        return found
+        values = np.zeros(size, np.float32)
+        values[spans["arm"]] = row[: robot.dof]
+        opening = (np.clip(row[-1], -1.0, 1.0) + 1) / 2
+        values[spans["gripper"]] = closed_action + opening * (open_action - closed_action)
+        return values
 
     return action
 
 
-def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
+def _read_arm(name: str, arm: Any, model: Robot, joints: JointInterface) -> Arm:
     """Reads an arm. Raises ArgumentError where its links do not match the robot's model."""
     links = {link: body._objs[0] for link, body in arm.robot.links_map.items()}
     if missing := [link for link in model.links if link not in links]:
         raise ArgumentError(f"{name} is no {model.title}: it has no link {', '.join(missing)}")
-    world_from_base, qpos = matrix_of(links[model.links[0]].entity_pose), rows.qpos()
+    world_from_base, qpos = matrix_of(links[model.links[0]].entity_pose), joints.qpos()
     for link, base_from_link in zip(model.links, model.link_poses(qpos), strict=True):
-        off_m = float(np.abs(world_from_base @ base_from_link - matrix_of(links[link].entity_pose)).max())
-        if off_m > SAME_M:
+        error_m = float(np.abs(world_from_base @ base_from_link - matrix_of(links[link].entity_pose)).max())
+        if error_m > POSE_TOLERANCE_M:
             raise ArgumentError(
-                f"{name} is no {model.title}: its {link} is {off_m:.4f} m from where that has it"
+                f"{name} is no {model.title}: its {link} is {error_m:.4f} m from where that has it"
             )
     hand = links[model.hand.link]
     hand_from_world = inverse(matrix_of(hand.entity_pose))
@@ -253,7 +257,7 @@ def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
     for link, body in links.items():
         if link in model.links or not body.collision_shapes:
             continue
-        if not _on_hand(body, hand):
+        if not _is_fixed_to_hand(body, hand):
             raise ArgumentError(
                 f"{name} has a link {link} that is not fixed to its hand, as planners expect it"
             )
@@ -262,74 +266,82 @@ def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
     return Arm(name, model, world_from_base, tuple(qpos[: model.dof].tolist()), tuple(mounted))
 
 
-def _on_hand(link: Any, hand: Any) -> bool:
+def _is_fixed_to_hand(link: Any, hand: Any) -> bool:
     while link is not None and link != hand and link.joint.dof == 0:
         link = link.parent
     return link == hand
 
 
-def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.PhysxRigidBaseComponent]:
+def _rigid_bodies(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.PhysxRigidBaseComponent]:
     """The rigid bodies by name: actors, and the links of articulations other than the arms."""
-    kind, actors = physx.PhysxRigidBaseComponent, base.scene.actors.items()
-    found: dict[str, Any] = {name: actor._objs[0].find_component_by_type(kind) for name, actor in actors}
+    component_type, actors = physx.PhysxRigidBaseComponent, base.scene.actors.items()
+    bodies: dict[str, Any] = {
+        name: actor._objs[0].find_component_by_type(component_type) for name, actor in actors
+    }
     robots = [arm.robot for arm in arms.values()]
     for name, articulation in base.scene.articulations.items():
         if not any(articulation is robot for robot in robots):
-            found |= {f"{name}_{link}": each._objs[0] for link, each in articulation.links_map.items()}
-    return {re.sub(r"\W", "_", name): body for name, body in found.items() if body is not None}
+            bodies |= {
+                f"{name}_{link}": link_body._objs[0] for link, link_body in articulation.links_map.items()
+            }
+    return {re.sub(r"\W", "_", name): body for name, body in bodies.items() if body is not None}
 
 
-def solids(body: physx.PhysxRigidBaseComponent, what: str) -> tuple[trimesh.Trimesh, ...]:
+def solids(body: physx.PhysxRigidBaseComponent, body_name: str) -> tuple[trimesh.Trimesh, ...]:
     """Convex meshes, in the body's frame and metres, that together enclose its collision shapes.
 
     Triangle meshes are decomposed, which takes seconds. Planes have no extent and are left out. Raises
-    ArgumentError, with `what` as the body's name, for a mesh that is not closed and for an unknown type of
+    ArgumentError, with `body_name` as its name, for a mesh that is not closed and for an unknown type of
     shape.
     """
-    found = []
+    meshes = []
     for shape in body.collision_shapes:
         if isinstance(shape, physx.PhysxCollisionShapePlane):
             continue
         body_from_shape = matrix_of(shape.local_pose)
-        found += [mesh.apply_transform(body_from_shape) for mesh in _meshes(shape, what)]
-    return tuple(found)
+        meshes += [mesh.apply_transform(body_from_shape) for mesh in _meshes(shape, body_name)]
+    return tuple(meshes)
 
 
-def _meshes(shape: physx.PhysxCollisionShape, what: str) -> Iterator[trimesh.Trimesh]:
+def _meshes(shape: physx.PhysxCollisionShape, body_name: str) -> Iterator[trimesh.Trimesh]:
     """Convex meshes in the frame of the shape."""
     if isinstance(shape, physx.PhysxCollisionShapeBox):
         yield trimesh.creation.box(2 * np.asarray(shape.half_size, float))
     elif isinstance(shape, physx.PhysxCollisionShapeSphere):
-        yield _ball(shape.radius)
+        yield _enclosing_ball(shape.radius)
     elif isinstance(shape, physx.PhysxCollisionShapeCylinder):
-        around = shape.radius / np.cos(np.pi / ROUND_SECTIONS)
-        yield trimesh.creation.cylinder(around, 2 * shape.half_length, ROUND_SECTIONS, transform=ALONG_X)
+        outer_radius_m = shape.radius / np.cos(np.pi / ROUND_SECTIONS)
+        yield trimesh.creation.cylinder(
+            outer_radius_m, 2 * shape.half_length, ROUND_SECTIONS, transform=ALONG_X
+        )
     elif isinstance(shape, physx.PhysxCollisionShapeCapsule):
-        corners = _ball(shape.radius).vertices
+        corners = _enclosing_ball(shape.radius).vertices
         ends = [corners + np.array((side * shape.half_length, 0.0, 0.0)) for side in (-1, 1)]
         yield trimesh.convex.convex_hull(np.concatenate(ends))
     elif isinstance(shape, physx.PhysxCollisionShapeConvexMesh):
         yield trimesh.convex.convex_hull(np.asarray(shape.vertices, float) * shape.scale)
     elif isinstance(shape, physx.PhysxCollisionShapeTriangleMesh):
-        yield from _decomposed(shape, what)
+        yield from _decomposed(shape, body_name)
     else:
-        raise ArgumentError(f"{what} has a collision shape of type {type(shape).__name__}, which is not read")
+        raise ArgumentError(
+            f"{body_name} has a collision shape of type {type(shape).__name__}, which is not read"
+        )
 
 
-def _ball(radius_m: float) -> trimesh.Trimesh:
+def _enclosing_ball(radius_m: float) -> trimesh.Trimesh:
     """A polyhedron around a sphere."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     inner = float(np.einsum("fi,fi->f", ball.triangles_center, ball.face_normals).min())
     return ball.apply_scale(radius_m / inner)
 
 
-def _decomposed(shape: physx.PhysxCollisionShapeTriangleMesh, what: str) -> Iterator[trimesh.Trimesh]:
+def _decomposed(shape: physx.PhysxCollisionShapeTriangleMesh, body_name: str) -> Iterator[trimesh.Trimesh]:
     mesh = trimesh.Trimesh(np.asarray(shape.vertices, float) * shape.scale, shape.triangles, process=True)
     for shell in mesh.split(only_watertight=False, repair=False):
         shell.fix_normals()
         if not shell.is_watertight or shell.volume <= 0:
             raise ArgumentError(
-                f"{what} has a triangle mesh that is not closed, so it has no inside to be kept clear of; "
-                "leave it out with `ignore`, or give its actor convex collision shapes"
+                f"{body_name} has a triangle mesh that is not closed, so it has no inside to be kept clear "
+                "of; leave it out with `ignore`, or give its actor convex collision shapes"
             )
         yield from assets.convex_pieces(shell)

@@ -8,19 +8,19 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import CheckCode, CheckedPlan, compile
+from rf_exp.constraints import CheckCode, CheckedPlan, compile_constraints
 from rf_exp.datagen import Observer, Planned
 from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
-from rf_exp.recording import check_result, check_results, orders
+from rf_exp.recording import check_result, check_results, order_masks
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Scene, Subgoal, spans
-from rf_exp.viz.figures import coordination, lanes
+from rf_exp.viz.figures import coordination, timeline
 from rf_exp.viz.text import CheckResult
 
-TOGETHER_STEPS = 10  # subgoals that begin within half a second form one phase
+SAME_PHASE_STEPS = 10  # subgoals that begin within half a second form one phase
 
 Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
 
@@ -50,7 +50,7 @@ class Round:
     violation: Violation | None = None
 
 
-class Notes:
+class EpisodeLog:
     """Observer of the generation loop, and wrapper of its brain that notes the answers."""
 
     def __init__(self, task: Task, brain: Brain) -> None:
@@ -63,9 +63,9 @@ class Notes:
         if self._checked is not None:  # the scene after the last step of its plan
             self._measure(self._checked, question.scene, self.rounds[-1])
         self._checked = None
-        now = Round(question.scene.step * CONTROL_DT_S)
-        self.rounds.append(now)
-        now.answer = answer = self._brain.answer(question)
+        current = Round(question.scene.step * CONTROL_DT_S)
+        self.rounds.append(current)
+        current.answer = answer = self._brain.answer(question)
         try:
             proposal = from_json(answer, self._task)
         except BadAnswer:  # the loop reports it as a violation
@@ -73,21 +73,24 @@ class Notes:
         if not proposal.subgoals:
             self.rounds.pop()  # there is nothing left to do
             return answer
-        now.proposal = proposal
+        current.proposal = proposal
         with suppress(ArgumentError):  # not understood, which the loop reports too
-            now.code = compile(proposal.constraints, self._task, proposal)
+            current.code = compile_constraints(proposal.constraints, self._task, proposal)
         return answer
 
     def planned(self, plan: Planned) -> None:
-        now, self._checked = self.rounds[-1], plan.checked
-        now.results = check_results(plan.checked)
-        now.phases = phases(plan, now.begins_s)
-        now.figures["lanes"] = lanes(plan.trajectories, plan.schedule)
-        if found := plan.checked.plan.paths.diagrams:
+        current, self._checked = self.rounds[-1], plan.checked
+        current.results = check_results(plan.checked)
+        current.phases = phases(plan, current.begins_s)
+        current.figures["lanes"] = timeline(plan.trajectories, plan.schedule)
+        if pair_diagrams := plan.checked.plan.paths.diagrams:
             diagrams = coordination(
-                plan.trajectories, plan.schedule, found, orders(plan.checker, plan.checked.plan.paths)
+                plan.trajectories,
+                plan.schedule,
+                pair_diagrams,
+                order_masks(plan.checker, plan.checked.plan.paths),
             )
-            now.figures["diagrams"] = diagrams.picture
+            current.figures["diagrams"] = diagrams.picture
 
     def rejected(self, violation: Violation) -> None:
         self.rounds[-1].violation = violation
@@ -96,25 +99,25 @@ class Notes:
     def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, Picture]) -> None:
         if self._checked is None:
             return
-        now = self.rounds[-1]
+        current = self.rounds[-1]
         now_s = scene.step * CONTROL_DT_S
-        for phase in now.phases:
+        for phase in current.phases:
             if not phase.reached and now_s >= phase.begins_s - 1e-9:
                 phase.reached, phase.picture = True, pictures.get("global")
-        self._measure(self._checked, scene, now)
+        self._measure(self._checked, scene, current)
 
-    def _measure(self, checked: CheckedPlan, scene: Scene, now: Round) -> None:
+    def _measure(self, checked: CheckedPlan, scene: Scene, current: Round) -> None:
         """Runs the logical checks on the real state; keeps of each the worst result, or the first failure."""
         for check in checked.checks:
             evidence = check.measured(scene, checked.plan) if check.kind == "logical" else None
             if evidence is None:
                 continue
-            known = now.measured.get(repr(check))
-            if known is None or (known.ok and evidence.value > known.value):
-                now.measured[repr(check)] = check_result(check, evidence)
+            kept = current.measured.get(repr(check))
+            if kept is None or (kept.ok and evidence.value > kept.value):
+                current.measured[repr(check)] = check_result(check, evidence)
 
 
-class Together:
+class ObserverGroup:
     """Observer that forwards to several observers."""
 
     def __init__(self, *observers: Observer) -> None:
@@ -138,13 +141,15 @@ def phases(plan: Planned, begins_s: float) -> tuple[Phase, ...]:
 
     `begins_s` is the beginning of the plan since the start of the episode.
     """
-    begins: list[tuple[int, Subgoal]] = []
+    starts: list[tuple[int, Subgoal]] = []
     for trajectory in plan.trajectories:
-        for goal, run in groupby(spans(trajectory, plan.schedule), key=lambda span: span.segment.subgoal):
-            begins.append((next(run).begins, goal))
+        for goal, executed in groupby(
+            spans(trajectory, plan.schedule), key=lambda span: span.segment.subgoal
+        ):
+            starts.append((next(executed).begins, goal))
     groups: list[tuple[int, list[Subgoal]]] = []
-    for step, goal in sorted(begins, key=lambda each: (each[0], each[1].agent)):
-        if groups and step - groups[-1][0] <= TOGETHER_STEPS:
+    for step, goal in sorted(starts, key=lambda each: (each[0], each[1].agent)):
+        if groups and step - groups[-1][0] <= SAME_PHASE_STEPS:
             groups[-1][1].append(goal)
         else:
             groups.append((step, [goal]))
