@@ -1,6 +1,6 @@
-"""Comments behind fields, which hold their shapes, units and frames, as their text on the site.
+"""Extension of griffe, which parses the sources for mkdocs (mkdocs.yml): comments of fields as docstrings.
 
-An extension of griffe, which reads the sources for mkdocs (mkdocs.yml).
+These comments hold shapes, units and frames.
 """
 
 import re
@@ -12,7 +12,7 @@ COMMENT = re.compile(r"#\s*(?!pyright|noqa|fmt|type:)(.+?)\s*$")
 
 
 class Fields(Extension):
-    """A field without a docstring says what the comment behind it says, and the lines of comment below it."""
+    """Gives a field without a docstring the comment behind it and the comment lines below it."""
 
     def on_attribute_instance(self, *, attr: Attribute, **_: Any) -> None:
         if attr.docstring is not None or attr.endlineno is None or attr.parent is None:

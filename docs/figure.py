@@ -1,4 +1,4 @@
-"""The figure of docs/policies.md and README.md: success over the number of demonstrations, a panel a task."""
+"""Figure of docs/policies.md and README.md: success over the number of demonstrations, one panel per task."""
 
 import io
 import re
@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from rf_exp.ablation import Estimate
 
-# On no ground of their own: each can be read on a light page and on a dark one.
+# The background is transparent; these colours are legible on light and on dark pages.
 INK, FAINT, OURS, PAPER = "#768390", "#76839055", "#2f81f7", "#d9702e"
 STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",  # the text of a figure can be read, searched and compared
+    "svg.fonttype": "none",  # text stays text: searchable and comparable
     "svg.hashsalt": "policies",
     "font.family": "sans-serif",
     "font.size": 9,
@@ -29,12 +29,12 @@ STYLE: dict[Any, Any] = {
     "ytick.color": INK,
 }
 COLUMNS = 4
-# The title, and by number of demonstrations our rates and the paper's.
+# title, number of demonstrations -> our rate, number of demonstrations -> the paper's rate
 Panel = tuple[str, Mapping[int, Estimate], Mapping[int, float]]
 
 
 def figure(panels: Sequence[Panel]) -> str:
-    """SVG text; the last place holds the legend. What is drawn stands in its description (`described`)."""
+    """SVG text; the last cell holds the legend, and its description the plotted values (`described`)."""
     with rc_context(STYLE):
         rows = len(panels) // COLUMNS + 1
         drawing = Figure((9.2, 1.75 * rows), layout="constrained")
@@ -54,7 +54,7 @@ def figure(panels: Sequence[Panel]) -> str:
 
 
 def described(panels: Sequence[Panel]) -> str:
-    """What is drawn, in words: by number of demonstrations ours, its interval, the paper's in brackets."""
+    """Plotted values as text: by number of demonstrations our rate, interval, the paper's in brackets."""
     lines = []
     for title, ours, paper in panels:
         rates = (

@@ -1,4 +1,4 @@
-"""What policies were made of: the generator of their demonstrations, and changed keys of their recipe."""
+"""Provenance of policies: the generator of their demonstrations, and changed keys of their recipe."""
 
 from collections.abc import Iterable, Mapping
 from functools import cache
@@ -24,7 +24,7 @@ from rf_exp.keys import RENAMED
 
 ROOT = Path(__file__).parents[1]
 ORIGIN_COLUMNS = ("demonstrations by generator", "values when measured; keys added since", "policies")
-VALUES_WHEN_ABSENT = {  # what came later was not recorded where it was not used
+VALUES_WHEN_ABSENT = {  # later keys were not recorded where they were off
     "policy.acting.transition_integrator": 0.0,
     "policy.encoder.keypoints.downsample": 1,
     "policy.encoder.keypoints.crop_refinement": 0,
@@ -34,10 +34,10 @@ VALUES_WHEN_ABSENT = {  # what came later was not recorded where it was not used
 
 
 def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
-    """(generator, changes of the recipe since then, policies) for each origin, newest generator first."""
+    """(generator, changes of the recipe since then, policies) for each provenance, newest generator first."""
     policies_by_origin: dict[tuple[str, str], list[str]] = {}
     for row in rows:
-        if not row.shield:  # the same policies
+        if not row.shield:  # shielded rows are of the same policies
             policy = f"{title_of(row.task, configured())} {row.demos}"
             qualifiers = [
                 word for word, default in ((row.arch, BASELINE_ARCH), (row.recipe, "fast")) if word != default
@@ -49,7 +49,7 @@ def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
 
 
 def origin(row: EvaluationRow) -> tuple[str, str]:
-    """The generator of the demonstrations of a policy, and the changes of its recipe since then."""
+    """The generator of a policy's demonstrations, and the changes of its recipe since then."""
     rows = _published(row)
     if row.train_seed not in rows.made:
         return "-", "not recorded"
@@ -70,7 +70,7 @@ def origin(row: EvaluationRow) -> tuple[str, str]:
 
 
 def learned_with(row: EvaluationRow, key: str) -> Any:
-    """The value of a key of the recipe of one policy; None where it was not there yet."""
+    """The value of a key in the recipe of one policy; None where the key did not exist yet."""
     rows = _published(row)
     return with_current_keys(rows.asked).get(key) if rows.asked else None
 
@@ -87,7 +87,7 @@ def published(rows: Path) -> Published[EvaluationRow]:
 
 @cache
 def current_recipe(recipe: str) -> Mapping[str, Any]:
-    """The recipe as it is in conf/."""
+    """The present values of a recipe of conf/, by dotted keys."""
     choice = (
         f"ablation/{recipe}"
         if (ROOT / "conf" / "policy" / "ablation" / f"{recipe}.yaml").exists()
@@ -100,13 +100,13 @@ def current_recipe(recipe: str) -> Mapping[str, Any]:
 
 
 def recipe_values(node: Mapping[str, Any]) -> dict[str, Any]:
-    """What decides policy and training, by dotted keys."""
+    """Values that determine policy and training, by dotted keys."""
     values = leaves(plain({part: node[part] for part in ("policy", "training")}))
     return {key: value for key, value in values.items() if key != "training.seed"}
 
 
 def with_current_keys(node: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What was recorded, by the keys of now: when encoder and head had no sections of their own, too."""
+    """Recorded values by present keys, also from before encoder and head had their own sections."""
     recorded = recipe_values(node)
     if isinstance(node["policy"]["encoder"], Mapping):
         return recorded

@@ -47,19 +47,19 @@ ABLATION_COLUMNS = (
     *("recipe", "change", "strict", "points above `fast`", "each training seed", "scenes"),
     *("rollouts with a violation", "core-minutes"),
 )
-MAX_FAILURE_KINDS = 3  # kinds of failures that are told of a policy
-BASE_RECIPE = "paper_short"  # where the ablation begins
+MAX_FAILURE_KINDS = 3  # kinds of failures listed per policy
+BASE_RECIPE = "paper_short"  # starting point of the ablation
 ABLATION_CONFIG = ROOT / "conf" / "experiment" / "policy_ablation.yaml"
 
 HERE = Path(__file__).parent
 FIGURE = HERE / "images" / "policies.svg"
 
-COMPARED_TASKS = [  # what others report: the first RERUN_COUNT of them in a public rerun
+COMPARED_TASKS = [  # tasks that others report; the first RERUN_COUNT of them in a public rerun
     *("lift_barrier", "camera_alignment", "long_pipeline_delivery", "take_photo", "pass_shoe", "place_food"),
     *("two_robots_stack_cube", "three_robots_stack_cube"),
 ]
 RERUN_COUNT = 6
-CHALLENGE_BEST = {  # the best that a public rerun has of 20 scenes, per cent by the release's criterion
+CHALLENGE_BEST = {  # best result of a public rerun, per cent of 20 scenes by the release's criterion
     "place_cube_in_cup": 25,
     "strike_cube_hard": 95,
     "three_robots_place_shoes": 15,
@@ -69,7 +69,7 @@ Cells = Mapping[tuple[str, str, int], list[EvaluationRow]]  # task, architecture
 
 
 def rows_by_policy(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[EvaluationRow]]]:
-    """The rows of each policy, in the order of the paper's tasks, with one of them."""
+    """(one of its rows, all its rows) of each policy, in the order of the paper's tasks."""
     groups: dict[tuple[object, ...], list[EvaluationRow]] = {}
     for row in rows:
         if row.constraints == BASELINE_CONSTRAINTS and row.arch != FOREIGN.name:
@@ -82,7 +82,7 @@ def rows_by_policy(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRo
 
 
 def paper_table_cells(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> Cells:
-    """Those that stand in the paper's tables: of our recipe, without the shield."""
+    """The groups for the cells of the paper's tables: recipe `fast`, without the shield."""
     return {
         (row.task, row.arch, row.demos): group
         for row, group in groups
@@ -91,7 +91,7 @@ def paper_table_cells(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]
 
 
 def paper_figure(row: EvaluationRow) -> float | None:
-    """The paper's figure for the same task, architecture and demonstrations; none with privileged state."""
+    """The paper's rate for the same task, architecture and demonstrations; None with privileged state."""
     if row.observation == "state":
         return None
     if row.arch == BASELINE_ARCH:
@@ -100,7 +100,7 @@ def paper_figure(row: EvaluationRow) -> float | None:
 
 
 def strict(group: Sequence[EvaluationRow]) -> tuple[str, str]:
-    """The share of the scenes that succeeded, and its 95 % interval."""
+    """Strict success rate over the scenes, and its 95 % interval."""
     rate = wilson(sum(row.success for row in group), len(group))
     return f"**{percent(rate.value)}**", f"{100 * rate.low:.0f} to {100 * rate.high:.0f}"
 
@@ -124,19 +124,19 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
 
 @cache
 def recipe_choices() -> Mapping[str, str]:
-    """The recipes of the ablation of policies with how each is chosen, `fast` first."""
+    """Recipe of the ablation -> its choice of `policy=`; `fast` first."""
     swept = str(OmegaConf.load(ABLATION_CONFIG).hydra.sweeper.params.policy).replace(",", " ").split()
     return {choice.rpartition("/")[2]: choice for choice in swept}
 
 
 @cache
 def ablated_recipes() -> list[str]:
-    """Their names, as rows have them."""
+    """Names of these recipes, as in rows."""
     return [*recipe_choices()]
 
 
 def recipe_change(recipe: str) -> str:
-    """What the first line of a recipe says it does otherwise than `fast`, which says nothing so."""
+    """Difference of a recipe from `fast`, from its first comment; empty for `fast`."""
     comment = (
         (ROOT / "conf" / "policy" / f"{recipe_choices().get(recipe, recipe)}.yaml")
         .read_text("utf-8")
@@ -148,7 +148,7 @@ def recipe_change(recipe: str) -> str:
 
 
 def ablation(rows: Iterable[EvaluationRow], demos: int) -> list[tuple[str, str]]:
-    """What each step of the recipe gives: of each task a line a recipe, all training seeds together."""
+    """(task title, table) of the ablation: one line per recipe, all training seeds together."""
     recipes = [BASE_RECIPE, *ablated_recipes()]
     by_recipe: dict[tuple[str, str], list[EvaluationRow]] = {}
     for row in rows:
@@ -168,7 +168,7 @@ def ablation(rows: Iterable[EvaluationRow], demos: int) -> list[tuple[str, str]]
 
 
 def recipe_line(recipe: str, group: list[EvaluationRow], first: list[EvaluationRow]) -> tuple[str, ...]:
-    """The line of a recipe, beside the first one's rollouts of the same training seeds."""
+    """The line of a recipe, compared with the rollouts of the first one for the same training seeds."""
     seeds = sorted({row.train_seed for row in group})
     shares = [fmean(row.success for row in group if row.train_seed == seed) for seed in seeds]
     reference = [row for row in first if row.train_seed in seeds]
@@ -186,7 +186,7 @@ def recipe_line(recipe: str, group: list[EvaluationRow], first: list[EvaluationR
 
 
 def rate_difference(group: Sequence[EvaluationRow], other: Sequence[EvaluationRow]) -> str:
-    """By how many points of strict success a group is above another, with the 95 % interval."""
+    """Difference in strict success to another group, percentage points, with the 95 % interval."""
     rates = (wilson(sum(row.success for row in each), len(each)) for each in (group, other))
     gap = difference(*rates)
     points, low, high = (f"{round(100 * each):+d}" for each in (gap.value, gap.low, gap.high))
@@ -194,7 +194,7 @@ def rate_difference(group: Sequence[EvaluationRow], other: Sequence[EvaluationRo
 
 
 def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
-    """What failed most often, in one line."""
+    """One line with the most frequent kinds of failure."""
     kinds = Counter(r.account.kind for r in group if not r.success)
     most_common = kinds.most_common(MAX_FAILURE_KINDS)
     listed = "; ".join(f"{kind} ({count})" for kind, count in most_common)
@@ -204,13 +204,13 @@ def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
 
 
 def percent(share: float) -> str:
-    """In whole per cent, but for what would be none or all by rounding alone."""
+    """Whole per cent; one decimal where rounding would give 0 or 100 %."""
     rounded = round(100 * share)
     return f"{100 * share:.1f} %" if rounded in (0, 100) and rounded != 100 * share else f"{rounded} %"
 
 
 def baseline(cells: Cells) -> str:
-    """The paper's first table, and the mean over its tasks."""
+    """The paper's first table, with the mean over its tasks."""
     lines, columns = [], paper().demos
     for task, agents in paper().levels.items():
         figures = paper().baseline[task]
@@ -228,7 +228,7 @@ def baseline(cells: Cells) -> str:
 
 
 def panels(cells: Cells) -> list[Panel]:
-    """The paper's first table as its figure has it."""
+    """The paper's first table as panels of the figure."""
     figure_panels = []
     for task in paper().levels:
         groups = {n: cells.get((task, BASELINE_ARCH, n), []) for n in paper().demos}
@@ -253,7 +253,7 @@ def architectures(cells: Cells) -> str:
 
 
 def shielded(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
-    """The same policies in the same scenes without the shield and with it."""
+    """Table of policies without and with the shield, in the same scenes."""
     by_policy: dict[tuple[object, ...], list[EvaluationRow]] = {}
     for row, group in groups:
         by_policy.setdefault((row.task, row.arch, row.recipe, row.demos), []).extend(group)
@@ -271,7 +271,7 @@ def shielded(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str
 
 
 def privileged(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
-    """Policies that are told the true poses of all things, beside those of the same recipe that see."""
+    """Table of privileged-state policies (`state`), beside policies from pictures (`fast`)."""
     by_task: dict[tuple[str, int], dict[str, list[EvaluationRow]]] = {}
     for row, group in groups:
         if is_baseline(row) and not row.shield and row.recipe in ("fast", "state"):
@@ -290,18 +290,18 @@ def privileged(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> s
 
 @cache
 def step_limit(task: str) -> int:
-    """Control steps after which a scene of a task ends."""
+    """Control steps after which a rollout of a task ends."""
     return read_task(CONFIGURED / f"{task}.yaml").step_limit
 
 
 def late_successes(rows: Sequence[EvaluationRow]) -> dict[str, int]:
-    """The successes of our policies, and how many of them came later than the limit of their task is now."""
+    """Number of successes of our policies, and of those beyond the present step limit of their task."""
     successes = [row for row in rows if row.success and row.arch != FOREIGN.name]
     return {"succeeded": len(successes), "later": sum(row.steps > step_limit(row.task) for row in successes)}
 
 
 def cpu_hours(cells: Cells) -> tuple[str, str]:
-    """Of the first table, by one training seed: what learning and the scenes took, in hours of one core."""
+    """Core-hours of training and of the rollouts of the first table, for one training seed."""
     groups = [
         cells.get((task, BASELINE_ARCH, demos), []) for task, demos in product(paper().levels, paper().demos)
     ]
@@ -313,7 +313,7 @@ def cpu_hours(cells: Cells) -> tuple[str, str]:
 
 
 def comparison_lines(cells: Cells) -> dict[str, list[str]]:
-    """Lines of the table beside others: of PEERS in per cent, and the mean of those of the rerun."""
+    """Lines of the comparison with others: COMPARED_TASKS in per cent, and the mean of those in the rerun."""
     demos = paper().demos[-1]
     groups = [cells[task, BASELINE_ARCH, demos] for task in COMPARED_TASKS]
     rates = {
@@ -328,7 +328,7 @@ def comparison_lines(cells: Cells) -> dict[str, list[str]]:
 
 
 def challenge_lines(cells: Cells) -> dict[str, list[str]]:
-    """Lines of the table of the challenge's four tasks; a dash where nothing was measured."""
+    """Lines of the table of the challenge's four tasks; a dash for no measurement."""
     groups = [cells.get((task, BASELINE_ARCH, paper().demos[-1]), []) for task in CHALLENGE_BEST]
 
     def line(statistic: Callable[[Sequence[EvaluationRow]], float]) -> list[str]:
@@ -342,7 +342,7 @@ def challenge_lines(cells: Cells) -> dict[str, list[str]]:
 
 
 def tasks_with_goal_gate(tables: Cells) -> str:
-    """The tasks whose policies in the paper's tables, of most demonstrations, have a goal gate."""
+    """Titles of the tasks of the paper's tables whose policies with most demonstrations have a goal gate."""
     largest = {
         task: group
         for (task, arch, demos), group in tables.items()
@@ -357,13 +357,13 @@ def rate(group: Sequence[EvaluationRow]) -> float:
 
 
 def rate_with_paper(group: Sequence[EvaluationRow] | None, figure: float | None) -> str:
-    """A strict rate, and the paper's in brackets; a dash where nothing was measured."""
+    """Strict rate with the paper's in brackets; a dash for no measurement."""
     ours = f"**{percent(rate(group))}**" if group else "-"
     return ours if figure is None else f"{ours} ({percent(figure)})"
 
 
 def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
-    """The pages: their words from templates, their figures from the rows."""
+    """Path -> text of the pages: prose from templates, numbers from the rows."""
     groups = list(rows_by_policy(row for row in rows if row.recipe not in ablated_recipes()[1:]))
     table_cells = paper_table_cells(groups)
     failure_lines = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
@@ -396,7 +396,7 @@ def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
 
 
 def measured() -> Sequence[EvaluationRow]:
-    """The published rows of the suite's tasks and robots in usual scenes."""
+    """The published rows of the suite's tasks and robots in nominal scenes."""
     rows, suite = without_variation(without_final(load(ROOT))).evaluation, configured()
     return [row for row in rows if row.task in suite]
 

@@ -26,29 +26,29 @@ ROOT = Path(__file__).parents[1]
 HERE = Path(__file__).parent
 VARIATIONS = CONF / "variation"
 KEY_PATTERN = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
-FACTOR_COLUMNS = "`variation=`", "what varies", "how far", "stream"
+FACTOR_COLUMNS = "`variation=`", "what varies", "range", "stream"
 Policy = tuple[str, str, int]  # task, recipe, demonstrations
 Trial = tuple[str, int, int, int]  # version of the criteria, demonstrations, training seed, scene
 MINUTES = "core-minutes"
 DEMOS = 150
-RECIPES = ("fast", "robust+full")  # what a reader compares first: learned from usual scenes, from varied ones
+RECIPES = ("fast", "robust+full")  # of the first comparison: trained in nominal scenes, in varied ones
 SUMMARY_VARIATIONS = ("none", "posture", "full")  # the columns of the first table
 
 
 def variation_names() -> list[str]:
-    """Every choice of conf/variation: those of one factor, then those of several."""
+    """All choices of conf/variation: `none`, those of one factor, then those of several."""
     names = sorted(path.stem for path in VARIATIONS.glob("*.yaml"))
     return sorted(names, key=lambda name: (name != "none", random_stream(name) == "", name))
 
 
 def random_stream(name: str) -> str:
-    """The stream of random numbers of a choice of one factor; empty for one of several, or of none."""
+    """The stream of random numbers of a choice with one factor; empty for several factors or none."""
     factors = read_variation(name).factors
     return f"{FACTORS.index(factors[0])}, `{factors[0]}`" if len(factors) == 1 else ""
 
 
 def factor_line(name: str) -> tuple[str, str, str, str]:
-    """The line of a choice: what its file says of it first, and what it says otherwise than `none`."""
+    """The line of a choice: the first comment of its file, and the keys that differ from `none`."""
     comment = (VARIATIONS / f"{name}.yaml").read_text("utf-8").splitlines()[0]
     changed = read_variation(name).identity
     values = "; ".join(f"`{key}` {_range(value)}" for key, value in changed.items())
@@ -57,7 +57,7 @@ def factor_line(name: str) -> tuple[str, str, str, str]:
 
 
 def keys() -> list[tuple[str, str]]:
-    """Every key with what none.yaml says of it."""
+    """Every key with its comment in none.yaml."""
     meanings = {
         key: meaning for key, meaning in KEY_PATTERN.findall((VARIATIONS / "none.yaml").read_text("utf-8"))
     }
@@ -69,7 +69,7 @@ def keys() -> list[tuple[str, str]]:
 
 
 def measured(results: Results) -> str:
-    """The rows of the table of robustness; empty where nothing was measured."""
+    """The table of robustness; empty for no measurements."""
     robustness_table = robustness(results, configured())
     if not robustness_table.lines:
         return ""
@@ -85,9 +85,9 @@ def measured(results: Results) -> str:
 
 
 def summary(results: Results) -> str:
-    """Strict success in per cent of the suite's two recipes, a line a policy: nominal, other postures, all.
+    """Strict success, per cent: one line per policy of RECIPES; nominal scenes, other postures, all factors.
 
-    Empty where nothing was measured in scenes that vary.
+    Empty for no measurements in scenes that vary.
     """
     lines = [
         [title_of(task, configured()), f"`{recipe.partition('+')[0]}`", str(demos)]
@@ -99,7 +99,7 @@ def summary(results: Results) -> str:
 
 
 def single_factor_table(results: Results) -> str:
-    """The same of scenes that vary in one thing, a line a variation; empty where none was measured."""
+    """The same for scenes with one factor, one line per variation; empty for no measurements."""
     rates = _rates(results)
     policies = [policy for policy, by_variation in rates.items() if {*by_variation} - {*SUMMARY_VARIATIONS}]
     lines = [
@@ -114,13 +114,13 @@ def single_factor_table(results: Results) -> str:
 
 
 def _suite(results: Results) -> list[EvaluationRow]:
-    """The rows of the suite's tasks and two recipes, of as many demonstrations as its tables or more."""
+    """The rows of the suite's tasks and of RECIPES with at least DEMOS demonstrations."""
     rows = (row for row in results.evaluation if row.task in configured() and row.recipe in RECIPES)
     return [row for row in rows if row.demos >= DEMOS and is_baseline(row) and not row.shield]
 
 
 def _rates(results: Results) -> dict[Policy, dict[str, list[bool]]]:
-    """Policy -> variation -> successes, of tasks that are measured in more than one variation."""
+    """Policy -> variation -> successes, for tasks that are measured in more than one variation."""
     by_policy: dict[Policy, dict[str, list[bool]]] = {}
     for row in _suite(results):
         by_variation = by_policy.setdefault((row.task, row.recipe, row.demos), {})
@@ -138,7 +138,7 @@ def _percent(successes: Sequence[bool]) -> str:
 
 
 def compare_recipes(results: Results, first: str, second: str, minutes: bool) -> str:
-    """A recipe beside another in the same scenes; empty where none were measured with both."""
+    """Table of two recipes in the same scenes; empty if no scene was measured with both."""
     cells: dict[tuple[str, str, str], dict[Trial, EvaluationRow]] = {}
     for row in results.evaluation:
         if is_baseline(row) and not row.shield:
@@ -172,7 +172,7 @@ def compare_recipes(results: Results, first: str, second: str, minutes: bool) ->
 
 
 def _cell_text(comment: str) -> str:
-    """A comment within a cell."""
+    """A comment as text of a table cell."""
     return comment.replace("|", "\\|")
 
 
@@ -181,13 +181,13 @@ def _range(value: object) -> str:
 
 
 def documents(results: Results) -> dict[Path, str]:
-    """The pages: what was measured, and what was tried."""
+    """Path -> text of the pages: measurements, and the development of `robust`."""
     varied = (row for row in results.evaluation if "+full" in row.recipe and is_baseline(row))
     policies = {(row.task, row.recipe, row.demos, row.train_seed): row for row in varied}
     main_page = render_template(
         HERE / "robustness.jinja",
         factors=table(FACTOR_COLUMNS, [factor_line(name) for name in variation_names()]),
-        keys=table(("key", "what it is"), keys()),
+        keys=table(("key", "meaning"), keys()),
         summary=summary(results),
         alone=single_factor_table(results),
         measured=measured(results),

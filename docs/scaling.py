@@ -1,6 +1,6 @@
 """Writes docs/scaling.md and its figure from benchmarks/scaling.tsv: python docs/scaling.py [ROWS.jsonl]
 
-With the rows of a run of `benchmarks/arms.py` that file is written anew first.
+With ROWS.jsonl, the rows of a run of `benchmarks/arms.py`, that file is replaced first.
 """
 
 import argparse
@@ -40,11 +40,11 @@ TABLE_COLUMNS = (
     "MB",
 )
 Row = dict[str, Any]
-Cell = tuple[str, int, int]  # family, arms, things
+Cell = tuple[str, int, int]  # family, arms, objects
 
 
 def import_rows(rows: Path) -> None:
-    """The rows of a run become those of the page."""
+    """Replaces the rows of the page by those of a run."""
     imported = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
     imported.sort(key=lambda row: (*_parse_cell(row["task"]), row["seed"]))
     with ROWS.open("w", encoding="utf-8", newline="") as file:
@@ -56,7 +56,7 @@ def import_rows(rows: Path) -> None:
 
 
 def read() -> dict[Cell, list[Row]]:
-    """The rows of each cell, by family, number of arms and number of things."""
+    """The rows of each cell: family, number of arms, number of objects."""
     cells: dict[Cell, list[Row]] = {}
     with ROWS.open(encoding="utf-8", newline="") as file:
         for fields in csv.DictReader(file, delimiter="\t"):
@@ -66,12 +66,12 @@ def read() -> dict[Cell, list[Row]]:
 
 
 def planning_s(rows: list[Row]) -> float:
-    """Mean CPU seconds of motion, schedule and checks."""
+    """Mean CPU time of motion, schedule and checks, s."""
     return float(np.mean([sum(row[key] for key in PLANNING_COLUMNS) for row in rows]))
 
 
 def exponent(cells: dict[Cell, list[Row]], family: str, things: int) -> str:
-    """With which planning grows with the number of arms, from two on; least squares of logarithms."""
+    """Exponent of planning time in the number of arms, from two on; least squares of logarithms."""
     points = [
         (arms, planning_s(rows))
         for (name, arms, count), rows in cells.items()
@@ -82,7 +82,7 @@ def exponent(cells: dict[Cell, list[Row]], family: str, things: int) -> str:
 
 
 def line(cell: Cell, rows: list[Row]) -> list[str]:
-    """The line of a cell in the table."""
+    """The table line of a cell."""
     count, bound = len(rows), sum(row["bound"] for row in rows)
     first = sum(row["success"] == 1 and row["attempts"] == 1 for row in rows)
     excess = sum(row["makespan"] for row in rows) / bound - 1 if bound else 0.0
@@ -102,7 +102,7 @@ def line(cell: Cell, rows: list[Row]) -> list[str]:
 
 
 def draw_figure(cells: dict[Cell, list[Row]]) -> str:
-    """SVG: what planning and the whole episode take over the number of arms, one thing."""
+    """SVG: CPU time of planning and of the whole episode over the number of arms, for one object."""
     with rc_context({**STYLE, "svg.hashsalt": "scaling"}):
         figure = Figure((8.0, 3.2), layout="constrained")
         left, right = figure.subplots(1, 2, sharex=True, sharey=True)

@@ -1,6 +1,6 @@
-"""What the site has beside the documents: a page of each file of the repository that they link to.
+"""Hook of mkdocs (mkdocs.yml): adds a page for each file of the repository that a document links to.
 
-A hook of mkdocs (mkdocs.yml). In the repository such links lead to the files themselves.
+In the repository such links lead to the files themselves.
 """
 
 import re
@@ -11,13 +11,13 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-OUTSIDE = re.compile(r"\]\(\.\./([\w./-]+)\)")  # of docs/, where all documents with such links are
+OUTSIDE = re.compile(r"\]\(\.\./([\w./-]+)\)")  # relative to docs/, where all documents with such links are
 LEXERS = {".py": "python", ".yaml": "yaml", ".toml": "toml", ".sh": "sh"}
 TITLE = "---\ntitle: {name}\nsearch:\n  exclude: true\n---\n\n# `{name}`\n\n"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the pages. A document that links to what is not there fails the build by its link."""
+    """Adds the pages. A link to a missing file gets none, and fails the build."""
     for document in list(files.documentation_pages()):
         for name in OUTSIDE.findall(document.content_string):
             if (ROOT / name).is_file() and files.get_file_from_path(_page(name)) is None:
@@ -26,7 +26,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links to such files lead to their pages."""
+    """Rewrites links to such files as links to their pages."""
 
     def rewrite_link(link: re.Match[str]) -> str:
         return f"]({_page(link[1])})" if files.get_file_from_path(_page(link[1])) else link[0]

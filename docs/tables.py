@@ -2,7 +2,7 @@
 
     python docs/tables.py
 
-A table stands between `<!-- NAME: docs/tables.py -->` and `<!-- end -->`. All else is written by hand.
+Tables are between `<!-- NAME: docs/tables.py -->` and `<!-- end -->`. Everything else is written by hand.
 """
 
 import re
@@ -36,7 +36,7 @@ SCENE_COLUMNS = {"none": "nominal scenes", "posture": "other initial postures", 
 
 
 def policies() -> str:
-    """The rates of our recipe at the largest number of demonstrations beside the paper's."""
+    """Strict rates of our recipe at the largest number of demonstrations, beside the paper's."""
     cells, demos = paper_table_cells(rows_by_policy(measured())), paper().demos[-1]
     lines = [
         (
@@ -52,7 +52,7 @@ def policies() -> str:
 
 
 def challenge() -> str:
-    """Strict success in the tasks that the authors' challenge adds, with one look and with two."""
+    """Strict success in the tasks that the challenge adds, without and with crop refinement."""
     rows = [
         row for row in measured() if is_baseline(row) and not row.shield and row.demos == paper().demos[-1]
     ]
@@ -66,10 +66,7 @@ def challenge() -> str:
 
 
 def robust() -> str:
-    """Strict success of the recipe that learns from scenes that differ, in three kinds of scenes.
-
-    Of a task that is measured with several numbers of demonstrations, with the largest.
-    """
+    """Strict success of `robust` in three kinds of scenes, with the most demonstrations of each task."""
     rows = [row for row in load(ROOT).evaluation if row.recipe == "robust+full"]
     rows, lines = [row for row in rows if is_baseline(row) and not row.shield], []
     for task, configuration in configured().items():
@@ -86,7 +83,7 @@ def robust() -> str:
 
 
 def experts() -> str:
-    """How often a demonstration comes out of a seed, and how long it is."""
+    """Success rate and length of the expert's demonstrations."""
     lines, tasks = [], {name: task.agents for name, task in configured().items()}
     for task, agents in {**paper().levels, **dict(sorted(tasks.items(), key=lambda each: each[1]))}.items():
         rows = read_rows(ROOT / "results" / "expert" / f"{task}{PUBLISHED}", GenerationRow)
@@ -106,7 +103,7 @@ def experts() -> str:
 
 
 def ablation_success() -> str:
-    """Success at the first attempt and in the end, beside the paper's figures."""
+    """Success at the first attempt and in the end, beside the paper's."""
     heading, lines = ["success, %"], []
     for name in _ablated():
         heading += [f"{name}: first", "end", "paper"]
@@ -121,7 +118,7 @@ def ablation_success() -> str:
 
 
 def ablation_length() -> str:
-    """Mean lengths of the successes, beside the paper's figures."""
+    """Mean lengths of the successes, beside the paper's."""
     heading, lines = ["control steps of the successes"], []
     for name in _ablated():
         heading += [name, "paper"]
@@ -134,7 +131,7 @@ def ablation_length() -> str:
 
 
 def ablation_others() -> str:
-    """Of each other task: successes at the first attempt and in the end, of how many; mean length."""
+    """For each other task: successes at the first attempt and in the end, seeds, mean length."""
     kinds, paper_tasks = [*paper().ablation_success], {*next(iter(paper().ablation_success.values()))}
     lines = []
     for task in configured():
@@ -151,7 +148,7 @@ def ablation_others() -> str:
 
 
 def compared_brains() -> str:
-    """A table for each task, in which brains stand side by side."""
+    """One table per task that compares the brains."""
     paths = sorted((ROOT / "results" / "brains").glob(f"*/*{PUBLISHED}"))
     rows = tuple(row for path in paths for row in read_rows(path, GenerationRow))
     brain_tables = transposed(brains(Results(generation=rows), configured()), lambda cell: cell.markdown())
@@ -168,7 +165,7 @@ def _cell(task: str, kind: str) -> Sequence[GenerationRow]:
 
 
 def _successes(rows: Sequence[GenerationRow]) -> tuple[int, int]:
-    """At the first attempt, and in the end."""
+    """Number of successes at the first attempt, and in the end."""
     return sum(row.success and row.attempts == 1 for row in rows), sum(row.success for row in rows)
 
 
@@ -190,7 +187,7 @@ TABLE_WRITERS: Mapping[str, Mapping[str, Callable[[], str]]] = {
 
 
 def documents() -> dict[Path, str]:
-    """Each document with its tables as the rows have them."""
+    """Path -> text of each document, with tables from the present rows. Exits for a missing marker."""
     texts = {}
     for name, writers in TABLE_WRITERS.items():
         text = (ROOT / name).read_text("utf-8")

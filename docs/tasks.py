@@ -15,30 +15,28 @@ INTRODUCTION = """\
 # The tasks
 
 Written by `python docs/tasks.py` from `conf/task/` and the task modules; a test compares. `make gallery`
-makes these pictures, a sheet with all views, and a film of each task.
+renders these pictures, a sheet with all views, and a film of each task.
 
 ![Every task in the middle of an expert episode](images/gallery.jpg)
 
-Every seed draws a start: where things stand and how they are turned, a little noise on the rest posture of
-every arm, the brightness of the light and of every colour. Every arm is a Franka Panda with a camera view
-of its own; the global view sees all.
+Each seed determines the initial scene: object positions and orientations, a small deviation of each arm from its rest
+posture, the brightness of the light and of each colour channel. Each arm is a Franka Panda with its own camera; the
+global camera covers the whole scene.
 
-An attempt is judged twice. **Strict**: all conditions listed hold at the same time, for several control
-steps; and of a policy, no two arms have touched until then. **The paper's**: the target condition as the
-authors' release tests it, which is looser; every rate in the tables is the strict one, with the paper's
-beside it. Next to it stand the violations: for policies the share of rollouts in which arms touched each
-other and the mean number of control steps in which they did; for generation the share of seeds with a
-proposal that ended in a violation and the mean number of such proposals. Where it differs, the strict rate
-without any violation is given as well.
+Each attempt is judged by two criteria. **Strict**: all listed conditions hold at the same time for several control
+steps and, for policies, no two arms have touched before. **The paper's**: the target condition as tested by the
+authors' release, which is looser. Rates in the tables are strict, next to the paper's criterion. Violations are also
+reported: for policies the share of rollouts in which arms touched and the mean number of control steps with contact;
+for generation the share of seeds with a proposal that ended in a violation and the mean number of such proposals. The
+strict rate without any violation is added if it differs.
 
-The four tasks listed after the paper's are official ones of the MARS challenge (NeurIPS 2025), with their
-scenes. Of these "the paper's criterion" means that of the challenge's release, and the tables of the paper
-leave them out or have them last.
+The four tasks after the paper's are official tasks of the MARS challenge (NeurIPS 2025), with their scenes. For them
+"the paper's criterion" is that of the challenge's release; tables of the paper omit them or list them last.
 """
 
 
 def tasks() -> list[Task]:
-    """The paper's tasks in its order, then all further ones."""
+    """The paper's tasks in its order, then all others."""
     paths = {path.stem: path for path in sorted((CONF / "task").glob("*.yaml"))}
     names = [name for name in paper().levels if name in paths]
     names += [name for name in paths if name not in names]
@@ -46,7 +44,7 @@ def tasks() -> list[Task]:
 
 
 def conditions(task: Task) -> list[str]:
-    """The names of the strict conditions, as the module gives them for a start."""
+    """Names of the strict conditions of a task, from its start of seed 0."""
     start = task.start(0)
     still = dict.fromkeys(start.poses, 0.0)
     scene = Scene(0, start.qpos, np.zeros_like(start.qpos), start.poses, still, (None,) * len(task.agents))

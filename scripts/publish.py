@@ -1,13 +1,13 @@
-"""Puts measured rows into results/: of policies with what they were made of, and how they learned.
+"""Publishes measured rows to results/; those of policies with their provenance and training curves.
 
     python scripts/publish.py outputs/benchmark [--scenes 100]
     python scripts/publish.py outputs/expert --demonstrations expert
     python scripts/publish.py outputs/brains --demonstrations brains
 
-Then `python docs/policies.py` and `python docs/tables.py` write the pages. A training seed that has all its
-scenes takes the place of the same one in results/; others there stay as long as they were evaluated alike.
-Rows of demonstrations take the place of all in their file. Each file is written whole: whenever this is
-killed, rows are there only with what they were made of, and the same command ends as if nothing had happened.
+Afterwards `python docs/policies.py` and `python docs/tables.py` write the pages. A training seed with all its
+scenes replaces the same one in results/; others there are kept if they were evaluated in the same way. Rows
+of demonstrations replace all rows of their file. Each file is written whole: if this is killed, no rows are
+without their provenance, and the same command completes the rest.
 """
 
 import argparse
@@ -36,18 +36,21 @@ from rf_exp.findings import Dialogue
 from rf_exp.progress import console
 
 RESULTS = Path(__file__).parents[1] / "results"
-CURVE_STEPS = 200  # steps of learning to a row of published curves
+CURVE_STEPS = 200  # training steps per row of published curves
 REMEDY = "evaluate again (stages=[evaluate])"
 
 
 def publish(out: Path, results: Path, scenes: int) -> None:
-    """Every finished training seed below `out/results/evaluate`. Raises ArgumentError where there is none."""
+    """Publishes all finished training seeds below `out/results/evaluate`.
+
+    Raises ArgumentError where there are no rows.
+    """
     for path in _files(out, "evaluate/*/*"):
         rows = read_rows(path, EvaluationRow)
         finished = [seed for seed in _seeds(rows) if sum(r.train_seed == seed for r in rows) >= scenes]
         target = (results / path.relative_to(out / "results")).with_suffix(PUBLISHED)
         if finished:
-            # What a scene has drawn follows from its seed, and would be most of the bytes.
+            # The draws of a scene follow from its seed, and would be most of the bytes.
             published = [replace(row, drawn={}) for row in rows if row.train_seed in finished]
             other_seeds = _merge(out, path, target, published)
             console.print(
@@ -58,7 +61,10 @@ def publish(out: Path, results: Path, scenes: int) -> None:
 
 
 def publish_demonstrations(out: Path, results: Path, kind: str) -> None:
-    """Of the `expert` the rows of `full` below `out/results/generate`, of `ablation`, `brains` all rows."""
+    """Publishes rows below `out/results/generate`: those under `full` for `expert`, else all.
+
+    Raises ArgumentError where there are none.
+    """
     for path in _files(out, "generate/*"):
         task, constraints = path.parent.name, path.stem
         if kind == "expert" and constraints != "full":
@@ -69,7 +75,7 @@ def publish_demonstrations(out: Path, results: Path, kind: str) -> None:
             / (f"{task}{PUBLISHED}" if kind == "expert" else f"{task}/{constraints}{PUBLISHED}")
         )
         rows = read_rows(path, GenerationRow)
-        if kind != "brains":  # what was answered would be most of the bytes
+        if kind != "brains":  # the dialogues would be most of the bytes
             rows = tuple(replace(row, dialogue=Dialogue()) for row in rows)
         write_published(target, Published(rows))
         console.print(str(target))
@@ -88,11 +94,11 @@ def _seeds(rows: Iterable[EvaluationRow]) -> set[int]:
 
 
 def _merge(out: Path, path: Path, target: Path, rows: list[EvaluationRow]) -> list[int]:
-    """Write rows and what belongs to them; returns the training seeds that stay beside them."""
+    """Writes rows with provenance and curves; returns the training seeds that are kept beside them."""
     configuration = read_json(configuration_file(path), REMEDY)
     existing = read_published(target, EvaluationRow) if target.exists() else Published(())
     if existing.asked != configuration:
-        existing = Published(())  # evaluated otherwise, or nobody knows how: it shares no cell with these
+        existing = Published(())  # evaluated differently, or in an unknown way: shares no cell with these
     seeds = _seeds(rows)
     kept = [row for row in existing.rows if row.train_seed not in seeds]
     provenances, curves = (
@@ -110,7 +116,7 @@ def _merge(out: Path, path: Path, target: Path, rows: list[EvaluationRow]) -> li
 
 
 def _curves(out: Path, row: EvaluationRow, seed: int) -> dict[str, dict[str, list[float]]]:
-    """The mean loss of every EVERY steps of all policies, where this recipe has learned any."""
+    """Policy -> curve: mean loss of every CURVE_STEPS steps; empty if this recipe has trained no policy."""
     folder = out / "policies" / row.task / row.constraints / row.arch
     curves: dict[str, dict[str, list[float]]] = {}
     for path in [] if row.shield else sorted(folder.glob(f"{row.recipe}-{row.demos}-{seed}/*/curves.csv")):

@@ -1,10 +1,10 @@
-"""What a release carries beside the code: trained policies, ready to act, in one file below 5 MB each.
+"""Packs trained policies for a release, for evaluation without training, in one file below 5 MB each.
 
     python scripts/release.py outputs/policies/lift_barrier/full/separate_local/fast-50-0 [--to build]
 
-The file is the part of `outputs/` that evaluation needs: the policies of all agents, their matrices in
-bfloat16, and the expert's rows, from which the step limit follows. An experiment in it says how they have
-learned, so that they act with
+The file is the part of `outputs/` that evaluation needs: the policies of all agents, with matrices in
+bfloat16, and the expert's rows, from which the step limit follows. It also holds an experiment with the keys
+of training, so that the policies are evaluated with
 
     python -m rf_exp.run --config-dir lift_barrier-separate_local-fast-50-0.zip experiment=released scenes=100
 """
@@ -27,18 +27,18 @@ from rf_exp.progress import console
 from rf_exp.release import EXPERIMENT, GROUPS, read_release
 
 MAX_MB = 5.0
-ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # as all files in a zip say, whose bytes then are those of their content
+ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # of all files, so that the bytes of the zip depend on their content only
 HEADER = (
     "# @package _global_\n# The policies in this folder act in scenes that they have never seen:\n"
     "#   python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER\n"
 )
-FOLDER_NAME = re.compile(r"([^+]+)-(\d+)-(\d+)")  # recipe, demonstrations, seed; of what was never corrected
+FOLDER_NAME = re.compile(r"([^+]+)-(\d+)-(\d+)")  # recipe, demonstrations, seed; no policies after correction
 
 
 def release(folder: Path, output_folder: Path) -> Path:
-    """Pack the policies in a folder of `outputs/policies/TASK/CONSTRAINTS/ARCH/`; returns the file.
+    """Packs the policies of a folder of `outputs/policies/TASK/CONSTRAINTS/ARCH/`; returns the file.
 
-    Raises ArgumentError for another folder, one without policies, and where more than LARGEST_MB comes out.
+    Raises ArgumentError for another folder, one without policies, and a file larger than MAX_MB.
     """
     folder = folder.resolve()
     policies = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
@@ -76,7 +76,7 @@ def release(folder: Path, output_folder: Path) -> Path:
 
 
 def pack(folder: Path, target: Path) -> None:
-    """The files in a folder as a zip: the same files, the same bytes, whenever they were written."""
+    """Writes the files of a folder to a zip whose bytes do not depend on when they were written."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as file:
         for path in sorted(each for each in folder.rglob("*") if each.is_file()):
             entry = zipfile.ZipInfo(str(path.relative_to(folder)), ZIP_DATE)
@@ -85,7 +85,7 @@ def pack(folder: Path, target: Path) -> None:
 
 
 def experiment(folder: Path, groups: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:
-    """An experiment in which policies act that were learned as the one in this folder."""
+    """YAML text of an experiment that evaluates policies trained as the one in this folder."""
     training_provenance = provenance(folder)
     policy = PolicyConfig.read(training_provenance["policy"], training_provenance["acting"]).complete
     training = {key: value for key, value in training_provenance["train"].items() if key != "seed"}

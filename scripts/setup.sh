@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Everything `make demo` and `make test` need: virtual environment, Python packages, and a Vulkan
-# device that SAPIEN accepts (Mesa's software driver, only where there is no other).
-# PYTHON names the interpreter; RENDER=no leaves Vulkan out.
+# Installs what `make demo` and `make test` need: virtual environment, Python packages, and a Vulkan
+# device that SAPIEN accepts (Mesa's software driver, only if there is no other).
+# PYTHON names the interpreter; RENDER=no skips Vulkan.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -66,8 +66,8 @@ if ! { right_version .venv/bin/python && .venv/bin/python -m pip --version >/dev
 fi
 pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
 
-# Installs, and repeats what pip says but for its notes about places where it did not find a package.
-# Modules are compiled as they are imported: of seven million lines most never are, and pip takes a minute for all.
+# Installs packages and prints pip's output without its notes about locations that it ignored.
+# Modules are compiled on import: pip would take a minute for seven million lines, most of which are never imported.
 install() {
     local failed=""
     pip install -q --no-compile --progress-bar off "$@" >.venv/pip.log 2>&1 || failed=yes
@@ -82,21 +82,21 @@ if ! pip show -q torch 2>/dev/null; then
 fi
 say "Python packages (about two minutes the first time)"
 install -e ".[dev,docs,envs,export,foreign,stl,dask,ray,submitit]"
-# mani-skill asks for opencv-python, which fills the same cv2 folder as the headless build and needs
-# libGL: whichever came last wins, so the folder is written again by the one that imports anywhere.
+# mani-skill requires opencv-python, which writes to the same cv2 folder as the headless build and needs libGL.
+# The last one installed wins, so the headless build, which can be imported everywhere, is installed again.
 if pip show -q opencv-python 2>/dev/null || ! .venv/bin/python -c 'import cv2' 2>/dev/null; then
     headless=$(.venv/bin/python -c 'from importlib.metadata import version as v; print(v("opencv-python-headless"))')
     pip uninstall -q -y opencv-python 2>/dev/null
     install --force-reinstall --no-deps "opencv-python-headless==$headless"
 fi
-# Pinocchio's package does not bring the OpenMP library that it links to.
+# Pinocchio's package does not include the OpenMP library that it links to.
 if ! .venv/bin/python -c 'import pinocchio' 2>.venv/pinocchio.log; then
     grep -q libgomp .venv/pinocchio.log || fail "pinocchio cannot be imported: $(tail -n 1 .venv/pinocchio.log)"
     apt_install "the OpenMP library is missing" libgomp1
 fi
 
 # --- Vulkan ------------------------------------------------------------------------------------
-found="" # what came of the last try to draw, in a sentence
+found="" # result of the last test picture, in a sentence
 draws() {
     found=$(.venv/bin/python -P rf_exp/sim/vulkan.py 2>.venv/vulkan.log) && return
     found=${found:-$(tail -n 1 .venv/vulkan.log)}

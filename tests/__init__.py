@@ -1,3 +1,3 @@
-"""The tests. Before any of them loads NumPy, its kernels are chosen."""
+"""Tests. rf_exp is imported first because it selects NumPy's kernels, which must precede importing NumPy."""
 
 import rf_exp as rf_exp

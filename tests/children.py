@@ -1,4 +1,4 @@
-"""Processes, looked at from outside, and what the operating system can refuse them."""
+"""Inspection of processes, and real refusals of the operating system: file size, permissions, disk space."""
 
 import os
 import resource
@@ -11,52 +11,52 @@ from pathlib import Path
 import pytest
 
 
-def until(holds: Callable[[], object], seconds: float = 30.0) -> bool:
+def wait_until(condition: Callable[[], object], seconds: float = 30.0) -> bool:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        if holds():
+        if condition():
             return True
         time.sleep(0.05)
     return False
 
 
-def alive(pid: int) -> bool:
-    """Whether a process is there; one that has ended and waits to be read is not."""
+def is_alive(pid: int) -> bool:
+    """Whether a process runs; a zombie does not."""
     try:
         return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except (FileNotFoundError, ProcessLookupError):
         return False
 
 
-def session(leader: int) -> list[int]:
-    """Processes of a session that are still there."""
-    found = []
+def session_processes(leader: int) -> list[int]:
+    """Running processes of a session."""
+    processes = []
     for path in Path("/proc").glob("[0-9]*"):
         try:
             fields = (path / "stat").read_text().rpartition(")")[2].split()
         except (FileNotFoundError, ProcessLookupError):
             continue
         if int(fields[3]) == leader and fields[0] != "Z":
-            found.append(int(path.name))
-    return found
+            processes.append(int(path.name))
+    return processes
 
 
-def children(pid: int) -> list[int]:
-    """The children of a process that multiprocessing has started to work."""
-    found = []
+def worker_processes(pid: int) -> list[int]:
+    """Child processes that multiprocessing started as workers."""
+    workers = []
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         try:
             command = Path(f"/proc/{child}/cmdline").read_bytes()
         except (FileNotFoundError, ProcessLookupError):
             continue
         if b"spawn_main" in command:
-            found.append(int(child))
-    return found
+            workers.append(int(child))
+    return workers
 
 
 @contextmanager
 def small_files(limit_bytes: int) -> Iterator[None]:
-    """The operating system refuses to let a file grow beyond the limit: a real OSError in a write."""
+    """The operating system refuses to let a file grow beyond the limit: writes raise a real OSError."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
     try:
@@ -67,7 +67,7 @@ def small_files(limit_bytes: int) -> Iterator[None]:
 
 @contextmanager
 def read_only(folder: Path) -> Iterator[Path]:
-    """A new folder into which this user, root too, cannot write. Skips where root may not mount."""
+    """A new folder that this user cannot write to, not even as root. Skips where root may not mount."""
     folder.mkdir(0o555)
     if not os.access(folder, os.W_OK):
         yield folder
@@ -78,7 +78,7 @@ def read_only(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def small_disk(folder: Path, size: str) -> Iterator[Path]:
-    """A new folder on a disk of so many bytes, as `mount` writes them. Skips without the right to mount."""
+    """A new folder on a disk of `size`, in the notation of `mount`. Skips without the right to mount."""
     folder.mkdir()
     with _mounted(folder, f"size={size}"):
         yield folder
@@ -86,8 +86,8 @@ def small_disk(folder: Path, size: str) -> Iterator[Path]:
 
 @contextmanager
 def _mounted(folder: Path, options: str) -> Iterator[None]:
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True)
-    if done.returncode:
+    result = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True)
+    if result.returncode:
         pytest.skip("needs the right to mount a disk")
     try:
         yield

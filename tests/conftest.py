@@ -1,4 +1,4 @@
-"""What all tests share: the repository's configuration and the tasks in it."""
+"""Helpers and fixtures for all tests: the repository's configuration and its tasks."""
 
 import subprocess
 import sys
@@ -21,13 +21,13 @@ from rf_exp.tasks import Task, load_task
 if TYPE_CHECKING:
     from rf_exp.stages import Cell
 
-hypothesis.settings.register_profile("suite", deadline=None)  # a busy machine is no failure
+hypothesis.settings.register_profile("suite", deadline=None)  # no failures on a busy machine
 hypothesis.settings.load_profile("suite")
 
 CONF = Path(__file__).parents[1] / "conf"
 TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all"))
 
-# The modules that take longest. Begun last, one process would be busy with them while the others wait.
+# The slowest modules. Started last, they would keep one process busy while the others wait.
 LONG = (
     *("test_run", "test_kills", "test_generation", "test_environments", "test_depth_cameras", "test_golden"),
     *("test_checkers", "test_train", "test_launch", "test_benchmarks", "test_collisions", "test_logs"),
@@ -35,26 +35,26 @@ LONG = (
     "test_varied_scenes",
 )
 
-RECIPES = {  # how each is chosen, by its name
+RECIPES = {  # name of a recipe -> its choice as in policy=CHOICE
     path.stem: path.relative_to(CONF / "policy").with_suffix("").as_posix()
     for path in sorted((CONF / "policy").rglob("*.yaml"))
 }
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest modules first; `--no-loadscope-reorder` keeps to that."""
-    places = {name: place for place, name in enumerate(LONG)}
-    items.sort(key=lambda item: places.get(item.path.stem, len(places)))
+    """Sorts the slowest modules first; `--no-loadscope-reorder` keeps this order."""
+    ranks = {name: rank for rank, name in enumerate(LONG)}
+    items.sort(key=lambda item: ranks.get(item.path.stem, len(ranks)))
 
 
 def read_task(name: str) -> Task:
-    """The task as its YAML file says, without any experiment around it."""
+    """The task of a YAML file, without an experiment."""
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / f"{name}.yaml"))
     return load_task(name, node[name])
 
 
 def experiment(*overrides: str) -> Experiment:
-    """What a command with these overrides runs; its recipe, which Hydra names, is `test`."""
+    """The experiment of a command with these overrides; the recipe, which Hydra would name, is `test`."""
     return read_experiment(deepcopy(_composed(overrides)))
 
 
@@ -65,17 +65,17 @@ def _composed(overrides: tuple[str, ...]) -> Any:
         return OmegaConf.to_container(compose("config", ["recipe=test", *overrides]), resolve=True)
 
 
-def cell_of(one: Experiment) -> "Cell":
-    """The only cell of an experiment of one task and one row, for the policies of its first architecture."""
-    from rf_exp.stages import cells  # imports torch, which most tests do without
+def cell_of(configured: Experiment) -> "Cell":
+    """The only cell of an experiment with one task and one row, with its first architecture."""
+    from rf_exp.stages import cells  # imports torch, which most tests do not need
 
-    (cell,) = cells(one)
-    return cell.with_arch(one.archs[0])
+    (cell,) = cells(configured)
+    return cell.with_arch(configured.archs[0])
 
 
 @pytest.fixture(params=TASKS)
 def task(request: pytest.FixtureRequest) -> Task:
-    """Every task in turn: a test that takes it is a law of the suite."""
+    """Every task in turn: tests with this fixture hold for the whole suite."""
     return read_task(request.param)
 
 
@@ -100,8 +100,8 @@ def data_command(
         monkeypatch.setattr(sys, "argv", ["rf_exp.data", *map(str, arguments)])
         capsys.readouterr()
         code = run_guarded(main)
-        told = capsys.readouterr()
-        return code, told.out, told.err
+        output = capsys.readouterr()
+        return code, output.out, output.err
 
     return call
 
@@ -111,7 +111,7 @@ def command(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., subprocess.CompletedProcess]:
     """`python -m rf_exp.run` in this process: exit code, standard output, standard error."""
-    from rf_exp.run import main  # imports torch, which most tests do without
+    from rf_exp.run import main  # imports torch, which most tests do not need
 
     def call(*arguments: str) -> subprocess.CompletedProcess:
         monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])

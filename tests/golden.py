@@ -1,14 +1,14 @@
-"""Digests of the first episode of every task under every row of constraints, kept in golden.json.
+"""Digests of the first episode of every task under every row of constraints, stored in golden.json.
 
     python -m tests.golden                    takes them anew, about a minute of one core
     python -m tests.golden lift_barrier       of these tasks only
 
-Bytes were taken on one kind of processor. On another they may differ in their last bit, for all that `rf_exp`
-chooses the same kernels for them; where they do, plans and how each step is judged have to be as recorded.
+The digests of bytes were recorded on one kind of processor. On another, values may differ in their last bit
+although `rf_exp` selects the same kernels; plans and the judgement of each step must still be as recorded.
 
-They force a version to be raised where bytes change, so that old and new demonstrations never share a
-store: digests that changed under the same versions are not taken. Until data of a version is with
-anybody, `--same-versions` takes them all the same.
+The digests enforce a new version wherever bytes change, so that old and new demonstrations never share a
+store: digests that changed under the same versions are refused. As long as nobody has data of a version,
+`--same-versions` accepts them.
 """
 
 import argparse
@@ -36,7 +36,7 @@ from tests.scenes import start_scene
 
 FILE = Path(__file__).with_name("golden.json")
 SEED = 0
-PLANS = range(8)  # seeds whose first proposals are kept
+PLANS = range(8)  # seeds whose first proposals are recorded
 Digests = dict[str, Any]
 
 
@@ -46,34 +46,34 @@ def rows() -> list[ConstraintSet]:
     return [ConstraintSet(path.stem, **node[path.stem]) for path, node in zip(paths, nodes, strict=True)]
 
 
-class Watching(NullObserver):
-    """Keeps what is stored of every step, and how it is judged."""
+class EpisodeRecorder(NullObserver):
+    """Records the stored values and the judgement of every step."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._scenes: list[Scene] = []
         self._steps: list[list[Any]] = []
-        self._judged: list[Any] = []
+        self._judgements: list[Any] = []
 
     def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, Any]) -> None:
         self._scenes.append(scene)
         self._steps.append([x.astype(np.float32) for x in (scene.qpos, scene.qvel, action)])
         verdict = SuccessEvaluator(self._task, self._scenes[0])(scene)
-        self._judged.append([verdict.evidence, verdict.success_paper])
+        self._judgements.append([verdict.evidence, verdict.success_paper])
 
     def digests(self) -> dict[str, str]:
-        """`bytes` has one for each second, so that an episode that only ends at another time shows."""
+        """`bytes` has one digest per second, which tells a change of length from a change of content."""
         seconds = [self._steps[k : k + CONTROL_HZ] for k in range(0, len(self._steps), CONTROL_HZ)]
         return {
             "bytes": " ".join(digest(second)[:8] for second in seconds),
-            "judged": digest(np.array(self._judged, object).tolist()),
+            "judged": digest(np.array(self._judgements, object).tolist()),
         }
 
 
-def of(task: Task, constraints: list[ConstraintSet]) -> Digests:
+def digests_of(task: Task, constraints: list[ConstraintSet]) -> Digests:
     """Versions and digests of one task."""
     plans = [json.loads(to_json(task.module.plan(start_scene(task, seed), task))) for seed in PLANS]
-    found: Digests = {
+    digests: Digests = {
         "processor": processor(),
         "generator": GENERATOR,
         "plan_version": task.plan_version,
@@ -83,66 +83,67 @@ def of(task: Task, constraints: list[ConstraintSet]) -> Digests:
     }
     with Simulator(task, render=False) as world:
         for row in constraints:
-            watching = Watching(task)
+            recorder = EpisodeRecorder(task)
             settings = Settings.configured(task, row, ScriptedSpec())
-            EpisodeGenerator(settings, world, settings.make_brain(SEED), watching).make(SEED)
-            found["rows"][row.name] = watching.digests()
-    return found
+            EpisodeGenerator(settings, world, settings.make_brain(SEED), recorder).make(SEED)
+            digests["rows"][row.name] = recorder.digests()
+    return digests
 
 
 @cache
 def processor() -> str:
-    """The kind that this is: vendor, family and model, where the system tells."""
-    found: dict[str, str] = {}
+    """Vendor, family and model of this processor, where the system reports them."""
+    fields: dict[str, str] = {}
     with suppress(OSError):  # not Linux
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        found = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    told = [found[key] for key in ("vendor_id", "cpu family", "model") if key in found]
-    return " ".join(told) or platform.machine()
+        fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    parts = [fields[key] for key in ("vendor_id", "cpu family", "model") if key in fields]
+    return " ".join(parts) or platform.machine()
 
 
-def elsewhere(recorded: Digests | None, found: Digests) -> bool:
-    """Whether bytes differ, but on another kind of processor, and all else is as recorded."""
+def differs_by_processor(recorded: Digests | None, found: Digests) -> bool:
+    """Whether only bytes differ, and the recorded ones are of another kind of processor."""
     return (
         recorded is not None
         and recorded["processor"] != found["processor"]
         and recorded["rows"] != found["rows"]
-        and _but_bytes(recorded) == _but_bytes(found)
+        and _without_bytes(recorded) == _without_bytes(found)
     )
 
 
-def _but_bytes(digests: Digests) -> Digests:
-    rows = {name: {**each, "bytes": len(each["bytes"].split())} for name, each in digests["rows"].items()}
+def _without_bytes(digests: Digests) -> Digests:
+    rows = {name: {**row, "bytes": len(row["bytes"].split())} for name, row in digests["rows"].items()}
     return {**digests, "rows": rows, "processor": None}
 
 
-def complaint(task: Task, recorded: Digests | None, found: Digests) -> str:
-    """What has to be done before the digests of a task are as recorded; empty where they are."""
-    again = f"then take its digests anew: python -m tests.golden {task.name}"
+def required_action(task: Task, recorded: Digests | None, found: Digests) -> str:
+    """What to do about digests that differ from the recorded ones; empty where they agree."""
+    remedy = f"then take its digests anew: python -m tests.golden {task.name}"
     if recorded is None:
-        return f"{task.name} has no digests; {again}"
-    if {**recorded, "processor": found["processor"]} == found or elsewhere(recorded, found):
+        return f"{task.name} has no digests; {remedy}"
+    if {**recorded, "processor": found["processor"]} == found or differs_by_processor(recorded, found):
         return ""
-    kept = {key: recorded[key] for key in ("generator", "plan_version", "version")}
-    if any(found[key] != value for key, value in kept.items()):
-        return f"{task.name} has digests of {kept}; {again}"
+    versions = {key: recorded[key] for key in ("generator", "plan_version", "version")}
+    if any(found[key] != value for key, value in versions.items()):
+        return f"{task.name} has digests of {versions}; {remedy}"
     changed = [name for name in found["rows"] if found["rows"][name] != recorded["rows"].get(name)]
     module, generator = task.module.__name__, "GENERATOR in rf_exp.datagen.version"
     if found["plan"] != recorded["plan"]:
-        what, raised = "its plan", f"PLAN_VERSION in {module}"
-    elif all(_only_judged(recorded["rows"].get(name, {}), found["rows"][name]) for name in changed):
-        what, raised = f"when it counts as solved (rows {', '.join(changed)})", f"VERSION in {module}"
+        part, version = "its plan", f"PLAN_VERSION in {module}"
+    elif all(_judgement_alone(recorded["rows"].get(name, {}), found["rows"][name]) for name in changed):
+        part, version = f"when it counts as solved (rows {', '.join(changed)})", f"VERSION in {module}"
     else:
-        what = f"its bytes (rows {', '.join(changed)})"
-        raised = f"{generator}, or PLAN_VERSION in {module} where only this plan does something else"
-    return f"{task.name}: {what} changed, and its versions did not; raise {raised}, {again}"
+        part = f"its bytes (rows {', '.join(changed)})"
+        version = f"{generator}, or PLAN_VERSION in {module} where only this plan does something else"
+    return f"{task.name}: {part} changed, and its versions did not; raise {version}, {remedy}"
 
 
-def _only_judged(recorded: Mapping[str, str], found: Mapping[str, str]) -> bool:
-    """Whether what is done is the same, but for when it ends."""
+def _judgement_alone(recorded: Mapping[str, str], found: Mapping[str, str]) -> bool:
+    """Whether only the judgement changed: the motion is the same up to the end of the shorter episode."""
     if "bytes" not in recorded:
         return False
-    old, new = recorded["bytes"].split()[:-1], found["bytes"].split()[:-1]  # the last second may be cut
+    # The last second may be incomplete.
+    old, new = recorded["bytes"].split()[:-1], found["bytes"].split()[:-1]
     shared = min(len(old), len(new))
     return recorded["judged"] != found["judged"] and old[:shared] == new[:shared]
 
@@ -161,21 +162,23 @@ def main() -> int:
     recorded, refused = read(), 0
     for name in arguments.tasks or TASKS:
         task = read_task(name)
-        found, before = of(task, rows()), recorded.get(name)
-        problem = complaint(task, before, found)
-        raised = before is None or any(
-            before[key] != found[key] for key in ("generator", "plan_version", "version")
+        found, recorded_task = digests_of(task, rows()), recorded.get(name)
+        problem = required_action(task, recorded_task, found)
+        raised = recorded_task is None or any(
+            recorded_task[key] != found[key] for key in ("generator", "plan_version", "version")
         )
         if problem and not raised and not arguments.same_versions:
             print(problem, file=sys.stderr)
             refused += 1
             continue
-        if problem or (arguments.same_versions and elsewhere(before, found)):
+        if problem or (arguments.same_versions and differs_by_processor(recorded_task, found)):
             recorded[name] = found
             print(f"{name}: taken anew", flush=True)
         else:
-            bytes_of = ", but for bytes, taken on another kind of processor" * elsewhere(before, found)
-            print(f"{name}: unchanged{bytes_of}", flush=True)
+            note = ", but for bytes, taken on another kind of processor" * differs_by_processor(
+                recorded_task, found
+            )
+            print(f"{name}: unchanged{note}", flush=True)
     write_json(FILE, dict(sorted(recorded.items())))
     return 1 if refused else 0
 

@@ -1,4 +1,4 @@
-"""Scenes without a simulator, made from the start of an episode."""
+"""Scenes at the start of an episode, without a simulator."""
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from rf_exp.types import ConstraintSet, Scene
 
 
 def start_scene(task: Task, seed: int) -> Scene:
-    """The scene of a seed before anything has moved."""
+    """The scene of a seed before the first step."""
     return task.start(seed).scene
 
 
 def rejection(task: Task, fault: str) -> Violation:
-    """What RoboChecker finds wrong with the plan of seed 0 that has a fault in it, before anything moves."""
+    """RoboChecker's violation for the plan of seed 0 with this fault, before the first step."""
     settings, scene = (
         Settings.configured(task, ConstraintSet("full"), FaultySpec(fault)),
         start_scene(task, 0),
     )
     planner = Planner(settings, settings.make_brain(0))
-    found = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(0))
-    assert isinstance(found, Violation)
-    return found
+    violation = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(0))
+    assert isinstance(violation, Violation)
+    return violation

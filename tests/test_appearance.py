@@ -1,4 +1,4 @@
-"""What covers and lights scenes: what is refused."""
+"""Textures, finishes, lamps and lights: which values are refused."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ MARBLE: Any = "marble"
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (
             lambda: Texture(MARBLE, "seen", 0, 0.5),
@@ -30,6 +30,6 @@ MARBLE: Any = "marble"
         (lambda: Light(lamps=Light().lamps * 2), "4 lamps; expected 3 at most"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(make: Callable[[], object], said: str) -> None:
-    with pytest.raises(ArgumentError, match=said):
+def test_invalid_appearances_are_refused(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
         make()

@@ -1,4 +1,4 @@
-"""Command lines as people and scripts write them: flags anywhere, letters outside of Hydra's grammar."""
+"""Command lines as people and scripts write them: flags anywhere, characters outside of Hydra's grammar."""
 
 import shlex
 import sys
@@ -17,7 +17,7 @@ from rf_exp.keys import checked_arguments, checked_folder
 
 
 @pytest.mark.parametrize(
-    ("arguments", "meant"),
+    ("arguments", "expected"),
     [
         (["stages=[generate]", "-m", "task=a,b"], ["-m", "stages=[generate]", "task=a,b"]),
         (["~films", "task=a", "-m", "demos=1", "-r"][:4], ["-m", "~films", "task=a", "demos=1"]),
@@ -31,12 +31,12 @@ from rf_exp.keys import checked_arguments, checked_folder
         ([], []),
     ],
 )
-def test_flags_are_taken_wherever_they_stand(arguments: list[str], meant: list[str]) -> None:
-    assert checked_arguments(arguments) == meant
+def test_flags_are_accepted_at_any_place(arguments: list[str], expected: list[str]) -> None:
+    assert checked_arguments(arguments) == expected
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (
             ["-m", "-c", "job"],
@@ -78,16 +78,18 @@ def test_flags_are_taken_wherever_they_stand(arguments: list[str], meant: list[s
         ),
     ],
 )
-def test_what_hydra_cannot_read_is_told_with_how_to_write_it(arguments: list[str], told: str) -> None:
+def test_arguments_that_hydra_cannot_parse_are_refused_with_advice(
+    arguments: list[str], message: str
+) -> None:
     with pytest.raises(ArgumentError) as error:
         checked_arguments(arguments)
-    assert told in str(error.value) and "\n" not in str(error.value)
+    assert message in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "S", "Zs")), min_size=1))
-def test_whatever_letters_a_value_has_it_is_read_or_the_advice_is_what_a_shell_understands(
+def test_any_value_is_parsed_or_the_advice_is_valid_in_a_shell(
     value: str,
 ) -> None:
     try:
@@ -96,12 +98,12 @@ def test_whatever_letters_a_value_has_it_is_read_or_the_advice_is_what_a_shell_u
         head, _, command = str(error).partition("as in ")
         if "needs quotes" not in head:
             return
-        (said,) = shlex.split(command)
-        assert OverridesParser.create().parse_override(said).value() == value
+        (advice,) = shlex.split(command)
+        assert OverridesParser.create().parse_override(advice).value() == value
 
 
 @pytest.mark.parametrize(
-    ("out", "told"),
+    ("out", "message"),
     [
         (
             "~/x",
@@ -119,20 +121,20 @@ def test_whatever_letters_a_value_has_it_is_read_or_the_advice_is_what_a_shell_u
         (None, "out is None; expected the name of a folder"),
     ],
 )
-def test_a_folder_that_nobody_meant_is_refused(out: object, told: str) -> None:
+def test_an_unintended_folder_name_is_refused(out: object, message: str) -> None:
     with pytest.raises(ArgumentError) as error:
         checked_folder(out)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize("out", ["outputs", "../x", "/tmp/Straße", "a=b (2), [3]", "日本", "it's", "a~"])
-def test_a_folder_may_be_called_as_one_likes(out: str) -> None:
+def test_unusual_folder_names_are_accepted(out: str) -> None:
     assert checked_folder(out) == out
 
 
 @pytest.mark.slow
-def test_nothing_is_made_for_a_command_line_that_is_refused(tmp_path: Path, monkeypatch, capsys) -> None:
-    """Neither the folder that was not meant, also where a file says it, nor anything in the temporary one."""
+def test_a_refused_command_line_creates_no_files(tmp_path: Path, monkeypatch, capsys) -> None:
+    """Neither an unintended folder, be it from a file, nor anything in the temporary folder."""
     (tmp_path / "conf/experiment").mkdir(parents=True)
     (tmp_path / "conf/experiment/mine.yaml").write_text("# @package _global_\nout: ~/results\n")
     (tmp_path / "here").mkdir()
@@ -140,7 +142,7 @@ def test_nothing_is_made_for_a_command_line_that_is_refused(tmp_path: Path, monk
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "here"))
     from rf_exp.run import main
 
-    for arguments, told in (
+    for arguments, message in (
         (["-m", "-c", "job"], "--multirun and --cfg are given"),
         (["out=C:\\data"], "folders are separated by /"),
         (['out="~/x"'], "in the place of ~ the shell has not put your home"),
@@ -154,12 +156,12 @@ def test_nothing_is_made_for_a_command_line_that_is_refused(tmp_path: Path, monk
         GlobalHydra.instance().clear()
         assert run_guarded(main) == 2
         error = capsys.readouterr().err
-        assert told in error and error.startswith("wrong argument: ") and error.count("\n") == 1
+        assert message in error and error.startswith("wrong argument: ") and error.count("\n") == 1
     assert not list((tmp_path / "here").iterdir())
 
 
 @pytest.mark.slow
-def test_a_sweep_may_be_asked_for_at_the_end(command, tmp_path: Path) -> None:
-    done = command("stages=[bake]", f'out="{tmp_path}/Straße (2)"', "-m", "task=lift_barrier,place_food")
-    assert "unknown stage 'bake'" in done.stderr  # which is looked at in the first job
+def test_the_multirun_flag_may_come_last(command, tmp_path: Path) -> None:
+    result = command("stages=[bake]", f'out="{tmp_path}/Straße (2)"', "-m", "task=lift_barrier,place_food")
+    assert "unknown stage 'bake'" in result.stderr  # checked in the first job
     assert list(tmp_path.glob("Straße (2)/runs/*/*/multirun.yaml"))

@@ -1,4 +1,4 @@
-"""Everything in conf/ composes and becomes a valid experiment; `all` means all there is."""
+"""Every file of conf/ composes to a valid experiment; `all` means all of a group."""
 
 from dataclasses import MISSING, fields, is_dataclass, replace
 from itertools import product
@@ -26,12 +26,14 @@ GROUPS = {
 }
 
 
-def said(group: str, name: str) -> dict[str, Any]:
+def read_choice(group: str, name: str) -> dict[str, Any]:
     return yaml.safe_load((CONF / group / f"{name}.yaml").read_text("utf-8"))
 
 
 FAMILIES = [name for name in GROUPS["task"] if "/" in name]
-TASKS = [each for name in GROUPS["task"] if name not in FAMILIES for each in said("task", name).values()]
+TASKS = [
+    each for name in GROUPS["task"] if name not in FAMILIES for each in read_choice("task", name).values()
+]
 
 
 @pytest.mark.slow
@@ -44,14 +46,14 @@ def test_every_choice_composes(group, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("group", ["task", "arch", "constraints"])
-def test_all_means_every_file_there_is(group):
+def test_all_means_every_file_of_the_group(group):
     everything = getattr(
         experiment(f"{group}=all"),
         {"task": "tasks", "arch": "archs", "constraints": "constraint_sets"}[group],
     )
-    ours = {"all", "separate_both", "separate_coordinated"}  # arch=all is the paper's four
+    excluded = {"all", "separate_both", "separate_coordinated"}  # arch=all is the paper's four
     assert sorted(each.name for each in everything) == [
-        name for name in GROUPS[group] if name not in (*ours, *FAMILIES)
+        name for name in GROUPS[group] if name not in (*excluded, *FAMILIES)
     ]
 
 
@@ -70,37 +72,37 @@ def test_the_paper_profile_has_the_papers_settings():
     assert (training.learning_rate, training.betas, training.epsilon) == (1e-4, (0.95, 0.999), 1e-8)
 
 
-# What is read from elsewhere than conf/, or made by hand, and so has defaults; they are held to conf/ below.
-WITH_DEFAULTS = {
+# Dataclasses that are also made without conf/ and therefore have defaults; compared with conf/ below.
+MADE_WITHOUT_CONF = {
     TrainConfig,  # its seed is train_seed
-    ConstraintSet,  # of who names no row of the ablation
-    Observations,  # of environments and policies of others, which are made by hand
-    Clutter,  # drawn, by no file of conf/
-    Variation,  # of tasks that no experiment reads; conf/variation/none.yaml is compared in tests/tasks
+    ConstraintSet,  # for callers that name no row of the ablation
+    Observations,  # constructed by environments and foreign policies
+    Clutter,  # drawn at random, in no file of conf/
+    Variation,  # for tasks outside of experiments; tests/tasks compares it with conf/variation/none.yaml
 }
-FILES = {  # what a file of conf/ may leave out: kind -> all that conf/ says of such
+ENTRIES = {  # dataclasses with optional fields in conf/ -> all their entries there
     Task: TASKS,
     RobotSpec: [each for task in TASKS for each in task["robots"]],
     ObjectSpec: [each for task in TASKS for each in task["objects"].values()],
     CameraSpec: [each for task in TASKS for each in task["cameras"].values()],
-    Arch: [each for name in GROUPS["arch"] if name != "all" for each in said("arch", name).values()],
+    Arch: [each for name in GROUPS["arch"] if name != "all" for each in read_choice("arch", name).values()],
 }
-LEFT_OUT_ELSEWHERE = {
-    "Task.step_limit",  # of a task whose expert nobody has measured yet
-    "CameraSpec.eye_m", "CameraSpec.target_m",  # of a camera on a hand
-    "CameraSpec.fov_deg",  # of scenes that nobody looks at
+OPTIONAL = {
+    "Task.step_limit",  # for tasks whose expert has not been measured
+    "CameraSpec.eye_m", "CameraSpec.target_m",  # for a camera on a gripper
+    "CameraSpec.fov_deg",  # for scenes without pictures
 }  # fmt: skip
 
 
 def parts(kind: object) -> set[type]:
-    """The dataclasses that the values of a type are made of."""
-    found = {kind} if isinstance(kind, type) and is_dataclass(kind) else set()
-    inner = get_type_hints(kind).values() if found else get_args(kind)
-    return found.union(*map(parts, inner))
+    """All dataclasses in the fields of a type, recursively."""
+    own = {kind} if isinstance(kind, type) and is_dataclass(kind) else set()
+    inner = get_type_hints(kind).values() if own else get_args(kind)
+    return own.union(*map(parts, inner))
 
 
-def defaults(kind: type) -> set[str]:
-    """The fields that may be left out."""
+def optional_fields(kind: type) -> set[str]:
+    """The optional fields of a dataclass."""
     return {
         each.name
         for each in fields(kind)
@@ -108,34 +110,33 @@ def defaults(kind: type) -> set[str]:
     }
 
 
-def test_a_default_lives_in_conf_alone():
-    """What conf/ always says has no default beside it."""
-    kinds = (parts(Experiment) | parts(Settings)) - WITH_DEFAULTS - parts(Robot)  # conf/ only names a robot
-    doubled = {
+def test_defaults_are_in_conf_alone():
+    """Fields that conf/ always sets have no default in code."""
+    # conf/ only names a robot.
+    kinds = (parts(Experiment) | parts(Settings)) - MADE_WITHOUT_CONF - parts(Robot)
+    duplicated = {
         f"{kind.__name__}.{name}"
         for kind in kinds
-        for name in defaults(kind)
-        if all(name in each for each in FILES.get(kind, ()))
+        for name in optional_fields(kind)
+        if all(name in each for each in ENTRIES.get(kind, ()))
     }
-    assert not FILES.keys() - kinds and doubled >= LEFT_OUT_ELSEWHERE
-    assert not (wrong := sorted(doubled - LEFT_OUT_ELSEWHERE)), (
-        f"take away what conf/ has: {', '.join(wrong)}"
-    )
+    assert not ENTRIES.keys() - kinds and duplicated >= OPTIONAL
+    assert not (wrong := sorted(duplicated - OPTIONAL)), f"take away what conf/ has: {', '.join(wrong)}"
 
 
-def test_defaults_beside_conf_say_what_conf_says():
+def test_defaults_in_code_equal_those_of_conf():
     (full,) = experiment().constraint_sets
     assert full == ConstraintSet("full")
     assert [each.name for each in fields(TrainConfig) if each.default is not MISSING] == ["seed"]
 
 
-def test_settings_of_who_has_no_command_are_those_of_the_command(lift_barrier):
-    said = experiment("policy=paper")
-    (task,), (row,) = said.tasks, said.constraint_sets
-    assert Settings.configured(lift_barrier, row, said.brain) == said.settings(task, row)
+def test_default_settings_without_a_command_equal_those_of_a_command(lift_barrier):
+    configured = experiment("policy=paper")
+    (task,), (row,) = configured.tasks, configured.constraint_sets
+    assert Settings.configured(lift_barrier, row, configured.brain) == configured.settings(task, row)
 
 
-def test_a_task_may_randomise_other_than_the_experiment_key_by_key():
+def test_a_task_may_override_single_keys_of_the_randomisation():
     (usual,) = experiment().tasks
     (task,) = experiment("+task.lift_barrier.randomisation.mass_scale=0.5", "randomisation.light=0.3").tasks
     assert task.randomisation == replace(usual.randomisation, mass_scale=0.5, light=0.3)

@@ -1,4 +1,4 @@
-"""How every command ends: one line and an exit code, whatever happened."""
+"""Every command ends with an exit code and, after an error, one line."""
 
 import errno
 import os
@@ -39,8 +39,8 @@ def wrong() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_to_end_is_a_line_and_the_usual_exit_code(number: signal.Signals, capsys) -> None:
-    signal.signal(number, signal.SIG_DFL)  # nohup leaves SIGHUP ignored, and so does the command then
+def test_a_termination_signal_gives_one_line_and_the_usual_exit_code(number: signal.Signals, capsys) -> None:
+    signal.signal(number, signal.SIG_DFL)  # the command would keep SIGHUP ignored, as set by nohup
     assert run_guarded(lambda: os.kill(os.getpid(), number)) == 128 + number
     assert capsys.readouterr().err == f"ended by {number.name}; the same command goes on from here\n"
     assert signal.getsignal(number) is signal.SIG_DFL
@@ -48,11 +48,11 @@ def test_a_signal_to_end_is_a_line_and_the_usual_exit_code(number: signal.Signal
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["--cfg", "job"]])
-def test_who_stops_reading_ends_the_command_quietly(arguments: list[str]) -> None:
+def test_a_closed_output_pipe_ends_the_command_without_a_traceback(arguments: list[str]) -> None:
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "rf_exp.run", *arguments]
-    # As shells start it: what is short stays in a buffer until the end.
+    # As in a shell: short output stays in a buffer until the end.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     result = subprocess.run(
         command, stdout=write, stderr=subprocess.PIPE, cwd=ROOT, text=True, timeout=300, env=environment
@@ -62,25 +62,25 @@ def test_who_stops_reading_ends_the_command_quietly(arguments: list[str]) -> Non
     assert result.stderr == "ended: output pipe closed; the same command goes on from here\n"
 
 
-def test_memory_that_runs_out_is_a_line(capsys) -> None:
+def test_running_out_of_memory_gives_one_line(capsys) -> None:
     assert run_guarded(lambda: print(np.ones(2**50))) == 1
-    told = capsys.readouterr().err
-    assert told.startswith("failed: memory ran out (Unable to allocate") and told.count("\n") == 1
-    assert "fewer workers" in told and "the same command goes on from here" in told
+    message = capsys.readouterr().err
+    assert message.startswith("failed: memory ran out (Unable to allocate") and message.count("\n") == 1
+    assert "fewer workers" in message and "the same command goes on from here" in message
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-@pytest.mark.parametrize("in_words", [False, True])  # as libraries in C and Rust say it
-def test_a_disk_that_is_full_is_a_line(capsys, number: int, in_words: bool) -> None:
+@pytest.mark.parametrize("in_words", [False, True])  # as libraries in C and Rust report it
+def test_a_full_disk_gives_one_line(capsys, number: int, in_words: bool) -> None:
     def job() -> None:
         if in_words:
             raise RuntimeError(f"I/O error: {os.strerror(number)} (os error {number})")
         raise OSError(number, os.strerror(number), "some/file")
 
     assert run_guarded(job) == 1
-    told = capsys.readouterr().err
-    assert told.startswith("failed: disk full (") and os.strerror(number) in told
-    assert told.endswith("; the same command goes on from here\n") and told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert message.startswith("failed: disk full (") and os.strerror(number) in message
+    assert message.endswith("; the same command goes on from here\n") and message.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -88,74 +88,74 @@ def test_a_disk_that_is_full_is_a_line(capsys, number: int, in_words: bool) -> N
     [MemoryError(), ImportError("libeigenpy.so: failed to map segment from shared object"),
      RuntimeError("can't start new thread"), RuntimeError("std::bad_alloc")],
 )  # fmt: skip
-def test_memory_that_is_too_little_has_many_names(capsys, error: Exception) -> None:
+def test_all_errors_of_exhausted_memory_are_recognised(capsys, error: Exception) -> None:
     def job() -> None:
         raise error
 
     assert run_guarded(job) == 1
-    told = capsys.readouterr().err
-    assert told.startswith("failed: memory ran out (") and "unexpected" not in told
+    message = capsys.readouterr().err
+    assert message.startswith("failed: memory ran out (") and "unexpected" not in message
 
 
 @pytest.mark.slow
-def test_a_command_that_may_have_too_little_memory_says_so(tmp_path: Path) -> None:
-    """It is refused it where it imports a shared library."""
-    enough = 150 * 2**20
+def test_a_memory_limit_during_imports_is_reported(tmp_path: Path) -> None:
+    """Importing a shared library fails."""
+    limit_bytes = 150 * 2**20
     result = subprocess.run(
         [sys.executable, "-m", "rf_exp.run", "stages=[generate]", "render=false", f"out={tmp_path}"],
         cwd=ROOT,
         capture_output=True,
         text=True,
         timeout=300,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (enough, enough)),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, limit_bytes)),
     )
     assert result.returncode == 1
     assert result.stderr.strip().splitlines()[-1].startswith("failed: memory ran out (")
     assert "unexpected" not in result.stderr
 
 
-def test_an_error_that_nobody_foresaw_is_a_line_and_a_file(capsys, monkeypatch) -> None:
+def test_an_unexpected_error_gives_one_line_and_a_traceback_file(capsys, monkeypatch) -> None:
     monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
     assert run_guarded(wrong) == 1
-    told = capsys.readouterr().err
-    assert told.startswith("failed: unexpected ZeroDivisionError: by nothing; the traceback is in ")
-    assert told.count("\n") == 1
-    assert "in wrong" in Path(told.split("the traceback is in ")[1].strip()).read_text()
+    message = capsys.readouterr().err
+    assert message.startswith("failed: unexpected ZeroDivisionError: by nothing; the traceback is in ")
+    assert message.count("\n") == 1
+    assert "in wrong" in Path(message.split("the traceback is in ")[1].strip()).read_text()
     assert "HYDRA_FULL_ERROR" not in os.environ
 
 
 def test_hydra_full_error_shows_the_traceback(capsys, monkeypatch) -> None:
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     assert run_guarded(wrong) == 1
-    told = capsys.readouterr().err
-    assert "Traceback" in told and "in wrong" in told
-    assert told.splitlines()[-1].startswith("failed: unexpected ZeroDivisionError")
+    message = capsys.readouterr().err
+    assert "Traceback" in message and "in wrong" in message
+    assert message.splitlines()[-1].startswith("failed: unexpected ZeroDivisionError")
 
 
-def test_what_is_begun_in_one_second_has_folders_of_its_own() -> None:
-    found: dict[str, set[str]] = {"run": set(), "sweep": set()}
+def test_runs_started_within_a_second_have_separate_folders() -> None:
+    folders_of: dict[str, set[str]] = {"run": set(), "sweep": set()}
     with initialize_config_dir(str(CONF), version_base="1.3"):
         for _ in range(3):  # in about a second
-            asked = compose("config", return_hydra_config=True)
-            for kind, folders in found.items():
-                folders.add(asked.hydra[kind].dir)
-    assert {kind: len(folders) for kind, folders in found.items()} == {"run": 3, "sweep": 3}
+            composed = compose("config", return_hydra_config=True)
+            for kind, folders in folders_of.items():
+                folders.add(composed.hydra[kind].dir)
+    assert {kind: len(folders) for kind, folders in folders_of.items()} == {"run": 3, "sweep": 3}
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 @wrap_unexpected_errors
-def surprised(config: DictConfig) -> None:
+def failing_main(config: DictConfig) -> None:
     wrong()
 
 
-def test_the_traceback_of_a_job_is_in_its_folder(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_the_traceback_of_a_job_is_written_to_its_folder(tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(sys, "argv", ["surprised", f"out={tmp_path}"])
     GlobalHydra.instance().clear()
-    assert run_guarded(surprised) == 1
-    told = capsys.readouterr().err
+    assert run_guarded(failing_main) == 1
+    message = capsys.readouterr().err
     (path,) = tmp_path.glob("runs/*/*/error.log")
     last = f"failed: unexpected ZeroDivisionError: by nothing; the traceback is in {path}"
-    assert told.splitlines()[-1] == last and "Traceback" not in told
+    assert message.splitlines()[-1] == last and "Traceback" not in message
     assert "in wrong" in path.read_text()
 
 
@@ -166,7 +166,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, capsys) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("out", ["file/out", "file", "/proc/out", "/sys/out"])
-def test_an_out_that_cannot_be_made_is_a_wrong_argument(out: str, tmp_path: Path) -> None:
+def test_an_output_folder_that_cannot_be_created_is_a_wrong_argument(out: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     result = run("stages=[generate]", "render=false", "demos=1", f"out={tmp_path / out}")
     assert result.returncode == 2, result.stderr

@@ -1,4 +1,4 @@
-"""Tasks from sentences: what is understood, what is refused and why, and that what is written works."""
+"""Tasks composed from sentences: accepted and refused sentences, and the task files that are written."""
 
 import json
 import os
@@ -20,18 +20,18 @@ from tests.datagen.language_server import LanguageServer, Reply, completion
 
 ROOT = Path(__file__).parents[1]
 BOTH = "Two arms put both cubes into the bowl, the lid goes on last."
-THINGS = ("cube", "cube", "bowl:pot", "lid")
+OBJECTS = ("cube", "cube", "bowl:pot", "lid")
 
 
 def jobs_of(text: str, *objects: str) -> dict[str, Job]:
-    said = compose(text, objects, "composed", "composed.composed").parsed
-    return {job.thing: job for job in said.jobs}
+    parsed = compose(text, objects, "composed", "composed.composed").parsed
+    return {job.thing: job for job in parsed.jobs}
 
 
 def test_a_sentence_becomes_jobs_and_an_order() -> None:
-    said = compose(BOTH, THINGS, "both", "composed.both").parsed
-    assert said.arms == 2
-    assert said.jobs == (
+    parsed = compose(BOTH, OBJECTS, "both", "composed.both").parsed
+    assert parsed.arms == 2
+    assert parsed.jobs == (
         Job("blue_cube", "center", "bowl", "inside1"),
         Job("red_cube", "center", "bowl", "inside2"),
         Job("lid", "knob", "bowl", "rim", ("blue_cube", "red_cube")),
@@ -39,17 +39,17 @@ def test_a_sentence_becomes_jobs_and_an_order() -> None:
 
 
 def test_a_sentence_may_go_over_several_lines() -> None:
-    """And is one line in what is written, in a comment of the YAML file."""
-    made = compose(
-        "two arms put both cubes\ninto the\tbowl, the lid goes on last", THINGS, "both", "composed.both"
+    """The comment of the YAML file has it in one line."""
+    composed = compose(
+        "two arms put both cubes\ninto the\tbowl, the lid goes on last", OBJECTS, "both", "composed.both"
     )
-    assert made.yaml.startswith("# two arms put both cubes into the bowl, the lid goes on last\nboth:\n")
+    assert composed.yaml.startswith("# two arms put both cubes into the bowl, the lid goes on last\nboth:\n")
 
 
 @pytest.mark.parametrize("name", ["lift_barrier", "ring", "all"])
-def test_a_name_that_is_taken_is_refused(name: str) -> None:
+def test_a_name_in_use_is_refused(name: str) -> None:
     with pytest.raises(ArgumentError, match=f"name is '{name}', which task={name} means already"):
-        compose(BOTH, THINGS, name, f"composed.{name}")
+        compose(BOTH, OBJECTS, name, f"composed.{name}")
 
 
 @pytest.mark.parametrize(
@@ -60,13 +60,13 @@ def test_a_name_that_is_taken_is_refused(name: str) -> None:
         "two robotic arms drop both cubes into the bowl and then the lid goes on top of the bowl",
     ],
 )
-def test_there_are_several_ways_to_say_it(text: str) -> None:
-    jobs = jobs_of(text, *THINGS)
+def test_paraphrases_give_the_same_jobs(text: str) -> None:
+    jobs = jobs_of(text, *OBJECTS)
     assert set(jobs["lid"].after) == {"red_cube", "blue_cube"}
     assert {jobs[name].target for name in jobs} == {"bowl"}
 
 
-def test_what_stands_on_another_thing_comes_after_it() -> None:
+def test_stacked_objects_are_placed_in_order() -> None:
     jobs = jobs_of("arm 1 stacks all cubes on the goal", "cube", "cube", "cube", "goal")
     assert [(job.thing, job.target, job.after) for job in jobs.values()] == [
         ("blue_cube", "goal", ()),
@@ -76,17 +76,17 @@ def test_what_stands_on_another_thing_comes_after_it() -> None:
     assert {job.agent for job in jobs.values()} == {1}
 
 
-def test_what_comes_first() -> None:
+def test_the_word_first_sets_the_order() -> None:
     text = "the red cube goes onto the plinth, the blue cube goes onto the goal first"
     jobs = jobs_of(text, "red_cube", "blue_cube", "plinth", "goal")
     assert jobs["red_cube"].after == ("blue_cube",) and jobs["blue_cube"].after == ()
 
 
-def test_things_have_names() -> None:
-    found = parse_objects(["cube", "cube", "green_cube", "bowl:pot", "shoe", "shoe"])
-    assert list(found) == ["blue_cube", "red_cube", "green_cube", "bowl", "shoe1", "shoe2"]
-    assert found["green_cube"]["options"] == {"colour": "green"}
-    assert found["bowl"]["asset"] == "pot"
+def test_objects_receive_unique_names() -> None:
+    objects = parse_objects(["cube", "cube", "green_cube", "bowl:pot", "shoe", "shoe"])
+    assert list(objects) == ["blue_cube", "red_cube", "green_cube", "bowl", "shoe1", "shoe2"]
+    assert objects["green_cube"]["options"] == {"colour": "green"}
+    assert objects["bowl"]["asset"] == "pot"
 
 
 @pytest.mark.parametrize(
@@ -124,13 +124,13 @@ def test_things_have_names() -> None:
         ("put the cube onto the goal", "", "objects is empty; available: barrier, "),
     ],
 )
-def test_what_does_not_fit_is_said(text: str, objects: str, message: str) -> None:
+def test_unsuitable_sentences_are_refused_with_the_reason(text: str, objects: str, message: str) -> None:
     with pytest.raises(ArgumentError) as error:
         compose(text, objects.split(), "composed", "composed.composed")
     assert message in str(error.value)
 
 
-def test_more_things_than_arms_reach_are_refused() -> None:
+def test_more_objects_than_fit_within_reach_are_refused() -> None:
     goals = [f"goal{k}:goal" for k in range(1, 8)]
     shoes = [f"shoe{k}:shoe" for k in range(1, 8)]
     text = ", ".join(f"shoe{k} goes onto goal{k}" for k in range(1, 8))
@@ -144,10 +144,10 @@ def test_towers_that_are_too_high_are_refused() -> None:
         compose("arm 1 stacks all cubes on the goal", [*cubes, "goal"], "composed", "composed.composed")
 
 
-def test_a_file_of_somebody_else_is_not_written_over(tmp_path: Path) -> None:
-    composed = compose(BOTH, THINGS, "both", "composed.both")
+def test_other_files_are_not_overwritten(tmp_path: Path) -> None:
+    composed = compose(BOTH, OBJECTS, "both", "composed.both")
     paths = write_files(composed, tmp_path)
-    assert write_files(composed, tmp_path) == paths  # the same again
+    assert write_files(composed, tmp_path) == paths  # identical files are accepted
     node = OmegaConf.load(paths[0])
     assert node.both.description == BOTH
     paths[1].write_text("mine")
@@ -156,8 +156,8 @@ def test_a_file_of_somebody_else_is_not_written_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_expert_does_what_the_sentence_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    composed = compose(BOTH, THINGS, "both_in", "rf_composed.both_in")
+def test_the_expert_solves_a_composed_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    composed = compose(BOTH, OBJECTS, "both_in", "rf_composed.both_in")
     write_files(composed, tmp_path / "rf_composed")
     monkeypatch.syspath_prepend(tmp_path)
     task = load_task(composed.name, composed.node)
@@ -179,19 +179,19 @@ def test_the_expert_does_what_the_sentence_says(tmp_path: Path, monkeypatch: pyt
     ],
 )
 def test_wrong_arguments(arguments: list[str], message: str, tmp_path: Path) -> None:
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", "rf_exp.compose", *arguments], cwd=ROOT, capture_output=True, text=True
     )
-    assert done.returncode == 2 and message in done.stderr + done.stdout
+    assert result.returncode == 2 and message in result.stderr + result.stdout
 
 
-WISH = "tidy up: the cubes belong in the bowl, which has to be shut in the end; take two robots"
+REQUEST = "tidy up: the cubes belong in the bowl, which has to be shut in the end; take two robots"
 
 
-def composed_by(server: LanguageServer, tmp_path: Path, *keys: str) -> "subprocess.CompletedProcess[str]":
-    arguments = [f"objects=[{','.join(THINGS)}]", "name=tidy", "episodes=0", "brain=openai", *keys]
+def run_compose(server: LanguageServer, tmp_path: Path, *keys: str) -> "subprocess.CompletedProcess[str]":
+    arguments = [f"objects=[{','.join(OBJECTS)}]", "name=tidy", "episodes=0", "brain=openai", *keys]
     return subprocess.run(
-        [sys.executable, "-m", "rf_exp.compose", WISH, *arguments, f"brain.base_url={server.url}"],
+        [sys.executable, "-m", "rf_exp.compose", REQUEST, *arguments, f"brain.base_url={server.url}"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -200,38 +200,38 @@ def composed_by(server: LanguageServer, tmp_path: Path, *keys: str) -> "subproce
     )
 
 
-def sentence(text: str) -> Reply:
+def sentence_reply(text: str) -> Reply:
     return completion(json.dumps({"Sentence": text}))
 
 
-def test_a_model_says_it_again_until_the_grammar_understands(tmp_path: Path) -> None:
+def test_a_model_rephrases_until_the_grammar_accepts_it(tmp_path: Path) -> None:
     replies = [
         completion("Away with them!"),
-        sentence("two arms put both cubes into the box"),
-        sentence(BOTH),
+        sentence_reply("two arms put both cubes into the box"),
+        sentence_reply(BOTH),
     ]
     with LanguageServer(replies) as server:
-        done = composed_by(server, tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "understood as: Two arms put both cubes into the bowl" in " ".join(done.stdout.split())
-    task = compose(BOTH, THINGS, "tidy", "composed.tidy")
+        result = run_compose(server, tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "understood as: Two arms put both cubes into the bowl" in " ".join(result.stdout.split())
+    task = compose(BOTH, OBJECTS, "tidy", "composed.tidy")
     assert (tmp_path / "composed" / "tidy.py").read_text() == task.module
-    said = [request["messages"][-1]["content"] for request in server.requests]
-    assert len(said) == 3 and all(WISH in str(each) for each in said)
-    assert "Away with them!" in str(said[1]) and "there is no 'box'" not in str(said[1])
-    assert "there is no 'box'" in str(said[2])
+    prompts = [request["messages"][-1]["content"] for request in server.requests]
+    assert len(prompts) == 3 and all(REQUEST in str(each) for each in prompts)
+    assert "Away with them!" in str(prompts[1]) and "there is no 'box'" not in str(prompts[1])
+    assert "there is no 'box'" in str(prompts[2])
 
 
-def test_a_model_that_never_makes_sense_ends_with_its_budget(tmp_path: Path) -> None:
-    with LanguageServer([sentence("do something nice")]) as server:
-        done = composed_by(server, tmp_path, "brain.budget=2")
-    assert done.returncode == 1
-    assert "the budget of 2 calls is used up" in " ".join(done.stderr.split())
+def test_a_model_without_a_valid_answer_stops_at_its_budget(tmp_path: Path) -> None:
+    with LanguageServer([sentence_reply("do something nice")]) as server:
+        result = run_compose(server, tmp_path, "brain.budget=2")
+    assert result.returncode == 1
+    assert "the budget of 2 calls is used up" in " ".join(result.stderr.split())
     assert len(server.requests) == 2 and not (tmp_path / "composed").exists()
 
 
 @pytest.mark.parametrize(
-    ("keys", "said"),
+    ("keys", "message"),
     [
         (("brain=scripted",), "brain 'scripted'; available: openai"),
         (("brain.model=x",), "brain.model=x is of a language model; say brain=openai as well"),
@@ -239,15 +239,15 @@ def test_a_model_that_never_makes_sense_ends_with_its_budget(tmp_path: Path) -> 
         (("brain=openai", "brain.budget=0"), "brain.budget is 0; it must be at least 1"),
     ],
 )
-def test_keys_of_a_model_are_checked_before_it_is_asked(
-    keys: tuple[str, ...], said: str, tmp_path: Path
+def test_keys_of_a_model_are_checked_before_the_first_request(
+    keys: tuple[str, ...], message: str, tmp_path: Path
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "rf_exp.compose", WISH, "objects=[cube]", *keys],
+    result = subprocess.run(
+        [sys.executable, "-m", "rf_exp.compose", REQUEST, "objects=[cube]", *keys],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 2 and said in " ".join(done.stderr.split()), done.stderr
+    assert result.returncode == 2 and message in " ".join(result.stderr.split()), result.stderr

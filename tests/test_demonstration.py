@@ -1,4 +1,4 @@
-"""The page of a demonstration: phases, check code and verdicts of a real episode, mistake included."""
+"""The page of a demonstration: phases, check code and verdicts of a real episode with one mistake."""
 
 import json
 import re
@@ -29,7 +29,7 @@ LIFT = read_task("lift_barrier")
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> Path:
-    """Lift Barrier without pictures, by a brain that errs once."""
+    """The page of Lift Barrier, without pictures, by a brain that makes one mistake."""
     folder = tmp_path_factory.mktemp("demonstrations")
     settings = Settings.configured(LIFT, FULL, FaultySpec("wrong_direction"))
     outcome = demonstrate(settings, NO_PICTURES, 0, folder)
@@ -52,7 +52,7 @@ def test_a_mistake_and_its_repair_are_on_the_page(page):
 
 
 @pytest.mark.slow
-def test_a_browser_shows_the_same(page):
+def test_the_html_page_equals_the_markdown_page(page):
     shown = page.with_suffix(".html").read_text()
     assert "<title>Lift Barrier: one demonstration</title>" in shown
     for number, heading in enumerate(re.findall(r"\n## (.*)", page.read_text()), start=1):
@@ -63,24 +63,24 @@ def test_a_browser_shows_the_same(page):
 
 
 @pytest.mark.slow
-def test_every_check_of_a_plan_is_decided_in_one_of_its_phases(page):
+def test_every_check_of_a_plan_is_in_exactly_one_phase(page):
     shown = page.read_text().split("\n## ")[2]
-    phases_of_it = shown.split("\n### ")[1:]
+    phase_texts = shown.split("\n### ")[1:]
     for check in re.findall(r"\| (?:logical|temporal|spatial) \|.*\| `(.*)` \|", shown):
-        planned = [part.split("As measured")[0] for part in phases_of_it]
+        planned = [part.split("As measured")[0] for part in phase_texts]
         assert sum(f"| holds | `{check}` |" in part for part in planned) == 1, check
         line = re.compile(rf"^(and )?{re.escape(check)}$", re.MULTILINE)
         assert sum(line.search(part) is not None for part in planned) == 1, check
     measured = shown.split("As measured when it happened:")[1]
-    for agent, side in ((1, "left"), (2, "right")):  # also of the one who arrives in the very last step
+    for agent, side in ((1, "left"), (2, "right")):  # also for the agent that arrives in the last step
         assert f"| holds | `VI(Agent_{agent}, barrier, {side})` |" in measured
 
 
 @pytest.mark.slow
-def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
-    kept = json.loads(page.with_suffix(".json").read_text())
-    assert len(kept["stl"]) == 2 and kept["certificate"]["evidence"]["lifted"]
-    for plan in kept["stl"]:
+def test_formulas_and_their_robustness_are_on_the_page_and_in_json(page):
+    record = json.loads(page.with_suffix(".json").read_text())
+    assert len(record["stl"]) == 2 and record["certificate"]["evidence"]["lifted"]
+    for plan in record["stl"]:
         steps = {len(signal["values"]) for signal in plan["signals"].values()}
         formulas = [each for check in plan["checks"] for each in check["formulas"]]
         assert len(steps) == 1 and formulas and all(each["holds"] for each in formulas)
@@ -90,7 +90,7 @@ def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
 
 
 @pytest.mark.slow
-def test_what_a_set_switches_off_is_marked_and_no_part_of_the_check_code(tmp_path, page):
+def test_disabled_constraints_are_marked_and_absent_from_the_check_code(tmp_path, page):
     logical = ConstraintSet("logical", spatial=False, temporal=False)
     settings = Settings.configured(LIFT, logical, ScriptedSpec())
     assert demonstrate(settings, NO_PICTURES, 0, tmp_path).success
@@ -111,11 +111,11 @@ def test_pictures_and_recording_lie_beside_the_page(page):
     assert {"lift_barrier-0/round-2-lanes.png", "lift_barrier-0/round-3-diagrams.png"} <= set(linked)
     assert {str(path.relative_to(page.parent)) for path in page.with_suffix("").iterdir()} == set(linked)
     assert page.with_suffix(".rrd").stat().st_size > 100_000
-    assert not list(page.parent.glob(".*"))  # no draft is left
+    assert not list(page.parent.glob(".*"))  # no temporary files are left
 
 
 def test_subgoals_that_begin_together_are_one_phase():
-    def begin(wait_steps: int) -> list[tuple[float, list[int]]]:
+    def phases_after(wait_steps: int) -> list[tuple[float, list[int]]]:
         """Agent 2 begins after `wait_steps`, agent 1 at once."""
         second = np.clip(np.arange(51) - wait_steps, 0, 20)
         schedule = Schedule(np.column_stack([np.minimum(np.arange(51), 30), second]), 30)
@@ -124,20 +124,20 @@ def test_subgoals_that_begin_together_are_one_phase():
         plan = Planned(Proposal((), ()), checker, TWO, checked)
         return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan, 2.0)]
 
-    assert begin(0) == begin(10) == [(2.0, [1, 2])]
-    assert begin(11) == [(2.0, [1]), (pytest.approx(2.55), [2])]
+    assert phases_after(0) == phases_after(10) == [(2.0, [1, 2])]
+    assert phases_after(11) == [(2.0, [1]), (pytest.approx(2.55), [2])]
 
 
-def command(monkeypatch, *arguments: str) -> int:
+def run_command(monkeypatch, *arguments: str) -> int:
     monkeypatch.setattr(sys, "argv", ["rf_exp.demonstration", *arguments])
     GlobalHydra.instance().clear()
     return run_guarded(main)
 
 
 @pytest.mark.render
-def test_one_command_makes_the_page_with_what_the_global_camera_sees(monkeypatch, tmp_path):
+def test_one_command_makes_the_page_with_pictures_of_the_global_camera(monkeypatch, tmp_path):
     small = "picture={width: 64, height: 48}"
-    assert command(monkeypatch, "task=lift_barrier", "seed=3", small, f"out={tmp_path}") == 0
+    assert run_command(monkeypatch, "task=lift_barrier", "seed=3", small, f"out={tmp_path}") == 0
     page = tmp_path / "demonstrations" / "lift_barrier-3.md"
     assert "| scene seed | 3 |" in page.read_text()
     names = ["phase-1.1.jpg", "phase-2.1.jpg", "end.jpg"]
@@ -146,6 +146,6 @@ def test_one_command_makes_the_page_with_what_the_global_camera_sees(monkeypatch
     assert not np.array_equal(pictures[0], pictures[2])
 
 
-def test_several_rows_are_refused(monkeypatch, capsys, tmp_path):
-    assert command(monkeypatch, "constraints=all", "render=false", f"out={tmp_path}") == 2
+def test_several_rows_of_constraints_are_refused(monkeypatch, capsys, tmp_path):
+    assert run_command(monkeypatch, "constraints=all", "render=false", f"out={tmp_path}") == 2
     assert "a demonstration is of one row of constraints, got logical, " in capsys.readouterr().err

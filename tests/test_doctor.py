@@ -1,4 +1,4 @@
-"""The doctor on this machine, and on machines broken by real means."""
+"""The doctor on this machine, and on machines with real faults."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def install(folder: Path, name: str, version: str, *requires: str) -> None:
-    """Lay the metadata of an installed distribution into a folder."""
+    """Writes the metadata of an installed distribution to a folder."""
     info = folder / f"{name}-{version}.dist-info"
     info.mkdir(parents=True)
     lines = ["Metadata-Version: 2.1", f"Name: {name}", f"Version: {version}"]
@@ -30,12 +30,12 @@ def test_a_line_holds_state_name_effect_and_remedy() -> None:
     assert str(doctor.Check("gpu", "ok", "two")) == "ok      gpu       two"
 
 
-def test_this_python_will_do() -> None:
+def test_this_python_is_supported() -> None:
     assert doctor.python().state == "ok"
     assert sys.executable in doctor.python().detail
 
 
-def test_another_python_will_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unsupported_python_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "PYTHONS", ((3, 99),))
     check = doctor.python()
     assert check.state == "missing"
@@ -43,7 +43,7 @@ def test_another_python_will_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert check.remedy == "install Python 3.11, then PYTHON=python3.11 scripts/setup.sh"
 
 
-def test_the_packages_of_this_environment_are_all_there() -> None:
+def test_all_packages_of_this_environment_are_installed() -> None:
     check = doctor.packages()
     assert check.state == "ok", check
 
@@ -56,9 +56,9 @@ def test_a_distribution_that_is_not_installed() -> None:
 
 def test_every_unmet_requirement_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, "present", "2.13.0+cpu")
-    wanted = ["present==2.13.0", "present>=2.11,<2.14", "present[all]", "present>=2.14", "present<2.13"]
-    wanted += ["absent>=1", 'extra_only>=1; extra == "dev"', "present==2.12", "absent2", "absent3"]
-    install(tmp_path, "broken", "1.0", *wanted)
+    requirements = ["present==2.13.0", "present>=2.11,<2.14", "present[all]", "present>=2.14", "present<2.13"]
+    requirements += ["absent>=1", 'extra_only>=1; extra == "dev"', "present==2.12", "absent2", "absent3"]
+    install(tmp_path, "broken", "1.0", *requirements)
     monkeypatch.syspath_prepend(str(tmp_path))
     check = doctor.packages("broken")
     assert check.state == "missing"
@@ -68,7 +68,7 @@ def test_every_unmet_requirement_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     )
 
 
-def test_both_builds_of_opencv_are_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_builds_of_opencv_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, "opencv_python", "5.0.0")
     install(tmp_path, "uses_it", "1.0")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -78,7 +78,7 @@ def test_both_builds_of_opencv_are_noticed(tmp_path: Path, monkeypatch: pytest.M
     assert check.remedy == "scripts/setup.sh"
 
 
-def test_a_module_that_is_not_there_is_named() -> None:
+def test_a_missing_module_is_named() -> None:
     imported, _ = doctor.imports(("json", "no_such_module"))
     assert imported.state == "missing"
     assert imported.detail == "no_such_module: ModuleNotFoundError: No module named 'no_such_module'"
@@ -103,7 +103,7 @@ def test_a_module_that_hangs_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_cv2_imports_on_a_machine_without_a_screen() -> None:
     imported, gpu = doctor.imports(("cv2",))
     assert (imported.state, imported.detail) == ("ok", "cv2")
-    assert gpu.state == "note"  # torch was not asked
+    assert gpu.state == "note"  # torch was not imported
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_results_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
     assert check.remedy == "choose another: out=FOLDER"
 
 
-def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_need_disk_space(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "PAPER_GB", 0.0)
     monkeypatch.setattr(doctor, "QUICK_GB", 0.0)
     assert doctor.disk(tmp_path / "not" / "yet").state == "ok"
@@ -142,18 +142,16 @@ def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert check.detail.endswith(f"free for {tmp_path}, 1e+09 GB are needed")
 
 
-def test_the_cache_of_meshes_is_there_or_can_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    there = cache_folder(DEFAULT)
-    assert (doctor.cache().state, doctor.cache().detail) == ("ok", f"meshes are in {there}")
+def test_the_mesh_cache_exists_or_can_be_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    existing = cache_folder(DEFAULT)
+    assert (doctor.cache().state, doctor.cache().detail) == ("ok", f"meshes are in {existing}")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
-    will_be = tmp_path / "new" / "rf_exp" / there.name
-    assert (doctor.cache().state, doctor.cache().detail) == ("ok", f"meshes will be made in {will_be}")
+    planned = tmp_path / "new" / "rf_exp" / existing.name
+    assert (doctor.cache().state, doctor.cache().detail) == ("ok", f"meshes will be made in {planned}")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_cache_that_cannot_be_written_keeps_the_main_job_from_running(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unwritable_mesh_cache_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = cache_folder(DEFAULT).name
     (tmp_path / "file").touch()
     with read_only(tmp_path / "locked") as locked:
@@ -161,50 +159,50 @@ def test_a_cache_that_cannot_be_written_keeps_the_main_job_from_running(
             monkeypatch.setenv("XDG_CACHE_HOME", str(home))
             check = doctor.cache()
             folder = home / "rf_exp" / name
-            refused = f"{home} cannot be written to, and the meshes are not in {folder}"
-            assert (check.state, check.detail) == ("missing", refused)
+            message = f"{home} cannot be written to, and the meshes are not in {folder}"
+            assert (check.state, check.detail) == ("missing", message)
             assert check.remedy == "set XDG_CACHE_HOME to a writable folder"
 
 
-def test_a_user_without_a_home_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_a_home_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("HOME", raising=False)
-    monkeypatch.setattr(os, "getuid", lambda: 4_000_000)  # of whom the machine knows nothing
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_000)  # a user that the machine does not know
     check = doctor.cache()
     assert check.state == "missing" and check.detail.startswith("there is no place for the mesh cache: ")
     assert check.remedy == "set XDG_CACHE_HOME to a writable folder"
 
 
-def test_the_default_configuration_is_there() -> None:
+def test_the_default_configuration_is_found() -> None:
     check = doctor.configuration()
     assert (check.state, check.detail) == ("ok", "the default is lift_barrier"), check
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("lost", "said"),
+    ("missing", "message"),
     [
         ("config.yaml", "Cannot find primary config 'config'"),
         ("task/lift_barrier.yaml", "Could not find 'task/lift_barrier'"),
         ("profile", "Could not find 'profile/quick'"),
         (".", "Primary config directory not found"),
-        ("foreign", "no task chosen"),  # config.yaml is there, another package's
+        ("foreign", "no task chosen"),  # config.yaml exists, but of another package
     ],
 )
-def test_a_configuration_of_which_something_is_missing_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str, said: str
+def test_missing_parts_of_the_configuration_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str, message: str
 ) -> None:
     conf = tmp_path / "conf"
     shutil.copytree(command.CONF, conf)
-    if lost == "foreign":
+    if missing == "foreign":
         (conf / "config.yaml").write_text("defaults: [_self_]\nwanted: by another package\n")
-    elif (conf / lost).is_dir():
-        shutil.rmtree(conf / lost)
+    elif (conf / missing).is_dir():
+        shutil.rmtree(conf / missing)
     else:
-        (conf / lost).unlink()
+        (conf / missing).unlink()
     monkeypatch.setattr(command, "CONF", conf)
     check = doctor.configuration()
-    assert check.state == "missing" and said in check.detail, check
+    assert check.state == "missing" and message in check.detail, check
     assert check.affects == "every command" and "install rf_exp again" in check.remedy
     assert doctor.brain(["brain=openai"]).state == "missing"
     monkeypatch.undo()
@@ -215,9 +213,9 @@ def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
     venv.create(tmp_path / "bare", with_pip=False)
     (tmp_path / "rf_exp").symlink_to(ROOT / "rf_exp")
     command = [str(tmp_path / "bare/bin/python"), "-m", "rf_exp.doctor", "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True)
-    lines = done.stdout.splitlines()
-    assert done.returncode == 1, done.stderr
+    result = subprocess.run(command, cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True)
+    lines = result.stdout.splitlines()
+    assert result.returncode == 1, result.stderr
     assert [line.split()[1] for line in lines[:-1]] == [
         "python",
         "packages",
@@ -239,6 +237,6 @@ def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
 @pytest.mark.render
 def test_this_machine_can_run_the_main_job(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rf_exp.doctor", "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.splitlines()[-1] == "The main job can run: python -m rf_exp.run"
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert result.stdout.splitlines()[-1] == "The main job can run: python -m rf_exp.run"

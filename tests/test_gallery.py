@@ -1,4 +1,4 @@
-"""The gallery: real episodes, drawn; words that belong to the step they stand under; films that play."""
+"""The gallery: rendered episodes, captions that match the step they are under, and playable films."""
 
 import subprocess
 import sys
@@ -41,21 +41,21 @@ def command(monkeypatch, capsys):
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_every_task_gets_a_sheet_and_a_film_and_all_share_one(command, tmp_path: Path) -> None:
+def test_every_task_gets_a_sheet_and_a_film_beside_a_common_sheet(command, tmp_path: Path) -> None:
     result = command("task=[pick_meat,lift_barrier]", "seed=3", f"out={tmp_path}")
     assert result.returncode == 0, result.stdout + result.stderr
     assert "pick_meat: seed 3, " in result.stdout and "lift_barrier: seed 3, " in result.stdout
     folder = tmp_path / "gallery"
-    made = {path.name for path in folder.iterdir()}
-    assert made == {
+    names = {path.name for path in folder.iterdir()}
+    assert names == {
         "gallery.png",
         *(f"{t}.{s}" for t in ("pick_meat", "lift_barrier") for s in ("png", "jpg", "mp4")),
     }
-    one, two = (np.asarray(Image.open(folder / f"{t}.png")) for t in ("pick_meat", "lift_barrier"))
-    assert two.shape[1] > one.shape[1]  # a column for each camera
-    both = Image.open(folder / "gallery.png")
-    assert both.width > 900 and np.asarray(both).std() > 20
-    assert Image.open(folder / "pick_meat.jpg").width > 1400  # three moments beside one another
+    narrow, wide = (np.asarray(Image.open(folder / f"{t}.png")) for t in ("pick_meat", "lift_barrier"))
+    assert wide.shape[1] > narrow.shape[1]  # a column for each camera
+    overview = Image.open(folder / "gallery.png")
+    assert overview.width > 900 and np.asarray(overview).std() > 20
+    assert Image.open(folder / "pick_meat.jpg").width > 1400  # three moments side by side
     frames, size, rate, codec = film_of(folder / "lift_barrier.mp4")
     assert (rate, codec) == (20, "h264") and size[0] % 2 == size[1] % 2 == 0
     seconds = float(result.stdout.split("lift_barrier: seed 3, ")[1].split(" s")[0])
@@ -65,16 +65,16 @@ def test_every_task_gets_a_sheet_and_a_film_and_all_share_one(command, tmp_path:
 def film_of(path: Path) -> tuple[int, tuple[int, int], float, str]:
     """Frames that can be decoded, size in pixels, frames a second, codec."""
     reader = imageio_ffmpeg.read_frames(str(path), pix_fmt="rgb24")
-    about = next(reader)
-    assert isinstance(about, dict) and about["pix_fmt"].startswith("yuv420p")  # what browsers take
+    metadata = next(reader)
+    assert isinstance(metadata, dict) and metadata["pix_fmt"].startswith("yuv420p")  # supported by browsers
     pictures = [np.frombuffer(data, np.uint8) for data in reader]
     assert np.abs(pictures[0].astype(int) - pictures[-1]).max() > 100
-    return len(pictures), about["source_size"], about["fps"], about["codec"]
+    return len(pictures), metadata["source_size"], metadata["fps"], metadata["codec"]
 
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_a_task_that_nobody_solves_does_not_keep_the_others_from_being_shown(command, tmp_path: Path) -> None:
+def test_the_gallery_shows_the_other_tasks_if_one_fails(command, tmp_path: Path) -> None:
     result = command(
         "task=[lift_barrier,pick_meat]", "task.lift_barrier.success.lift_m=0.9", f"out={tmp_path}"
     )
@@ -106,7 +106,7 @@ def test_wrong_arguments_exit_with_2(command, argument: str, message: str, tmp_p
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_words_belong_to_their_step(place_food: Task) -> None:
+def test_captions_match_their_step(place_food: Task) -> None:
     with Simulator(place_food, width_px=64, height_px=48) as world:
         performance, _ = perform(
             Settings.configured(place_food, ConstraintSet("full"), ScriptedSpec()), world, 0
@@ -124,15 +124,15 @@ def test_words_belong_to_their_step(place_food: Task) -> None:
             "lift lid by 0.12 m",
             "place lid to aside",
         ]
-        # An arm that is said to wait stands still, one that is said to move does not.
+        # Arms captioned as waiting do not move, others do.
         moved = np.abs(np.diff(performance.actions[:, :, :7], axis=0)).max(axis=2)  # (T - 1, N)
         moving = np.array([[line.moving for line in lines] for lines in performance.activities])[1:]
         assert moved[~moving].max() < 1e-9
-        assert (moved[moving] > 1e-6).mean() > 0.7  # the rest closes or opens fingers
-        left, top, right, bottom = performance.crop  # of the picture, in its proportions
+        assert (moved[moving] > 1e-6).mean() > 0.7  # the rest closes or opens the gripper
+        left, top, right, bottom = performance.crop  # in the picture, with its aspect ratio
         assert 0 <= left < right <= 64 and 0 <= top < bottom <= 48
         assert (right - left) / (bottom - top) == pytest.approx(64 / 48) and right - left < 64
-        # Nearly all that differs between the stills is what was moved.
+        # The stills differ mostly in the objects that were moved.
         assert np.abs(start.pictures["global"].astype(int) - end.pictures["global"]).max() > 50
         with pytest.raises(
             StageError, match="'place_food', seed 1: played again, the episode does not succeed"

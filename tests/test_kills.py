@@ -1,6 +1,6 @@
-"""Runs that are killed, in parts or as a whole, and the same command after it. Real processes and signals.
+"""Killed workers and runs, and the same command run again, with real processes and signals.
 
-`benchmarks/kills.py` does this at random times, many times.
+`benchmarks/kills.py` repeats this at random times.
 """
 
 import os
@@ -17,7 +17,7 @@ import pytest
 from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
 from rf_exp.artifacts import locked
 from rf_exp.store import Store
-from tests.children import children, session, until
+from tests.children import session_processes, wait_until, worker_processes
 
 ROOT = Path(__file__).parents[1]
 Command = Callable[..., subprocess.CompletedProcess[str]]
@@ -42,18 +42,18 @@ TINY = (
     "training.batch_size=8",
     "training.log_every=5",
 )
-LONG_S = 900.0  # against a test that hangs
+LONG_S = 900.0  # limit for a test that hangs
 
 
 STARTED: list[subprocess.Popen[str]] = []
 
 
 @pytest.fixture(autouse=True)
-def leave_nothing() -> Iterator[None]:
-    """Ends what a test that fails has left."""
+def kill_leftovers() -> Iterator[None]:
+    """Kills the processes that a failed test left."""
     yield
     while STARTED:
-        for pid in session(STARTED.pop().pid):
+        for pid in session_processes(STARTED.pop().pid):
             os.kill(pid, signal.SIGKILL)
 
 
@@ -71,73 +71,73 @@ def start(*arguments: str) -> subprocess.Popen[str]:
     return run
 
 
-def ended(run: subprocess.Popen[str]) -> tuple[int, str, str]:
-    """Exit code, standard output, standard error; by then no process of the run may be left."""
+def wait_for(run: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error, once no process of the run is left."""
     out, errors = run.communicate(timeout=LONG_S)
-    assert until(lambda: not session(run.pid), 5.0), session(run.pid)
+    assert wait_until(lambda: not session_processes(run.pid), 5.0), session_processes(run.pid)
     return run.returncode, out, errors
 
 
 @pytest.mark.slow
-def test_a_killed_worker_or_run_goes_on_to_the_same_bytes(command: Command, tmp_path: Path) -> None:
-    whole = command(*STATES, f"out={tmp_path / 'whole'}")
-    assert whole.returncode == 0, whole.stderr
+def test_a_run_resumed_after_a_kill_gives_the_same_bytes(command: Command, tmp_path: Path) -> None:
+    undisturbed_run = command(*STATES, f"out={tmp_path / 'whole'}")
+    assert undisturbed_run.returncode == 0, undisturbed_run.stderr
 
     run = start(*STATES, f"out={tmp_path / 'killed'}")
-    assert until(lambda: children(run.pid), LONG_S)
-    os.kill(children(run.pid)[0], signal.SIGKILL)
-    code, _, errors = ended(run)
+    assert wait_until(lambda: worker_processes(run.pid), LONG_S)
+    os.kill(worker_processes(run.pid)[0], signal.SIGKILL)
+    code, _, errors = wait_for(run)
     assert code == 1 and "Traceback" not in errors
     last = errors.strip().splitlines()[-1]
     assert last.startswith("failed: a worker, process ") and "was ended by SIGKILL" in last
     assert last.endswith("run the same command again, it goes on from here")
 
     run = start(*STATES, f"out={tmp_path / 'killed'}")
-    assert until(lambda: children(run.pid), LONG_S)
+    assert wait_until(lambda: worker_processes(run.pid), LONG_S)
     run.kill()
-    code, _, _ = ended(run)
+    code, _, _ = wait_for(run)
     assert code == -signal.SIGKILL
 
-    code, _, errors = ended(start(*STATES, f"out={tmp_path / 'killed'}"))
+    code, _, errors = wait_for(start(*STATES, f"out={tmp_path / 'killed'}"))
     assert code == 0, errors
-    undisturbed, again = (tmp_path / name / "data/pick_meat/full/fast.zarr" for name in ("whole", "killed"))
-    assert Store.open(undisturbed).digest() == Store.open(again).digest()
-    found = read_rows(tmp_path / "killed/results/generate/pick_meat/full-disturbed.jsonl", GenerationRow)
-    assert [row.seed for row in found] == [0, 1]
+    expected, resumed = (tmp_path / name / "data/pick_meat/full/fast.zarr" for name in ("whole", "killed"))
+    assert Store.open(expected).digest() == Store.open(resumed).digest()
+    rows = read_rows(tmp_path / "killed/results/generate/pick_meat/full-disturbed.jsonl", GenerationRow)
+    assert [row.seed for row in rows] == [0, 1]
 
 
 @pytest.mark.slow
-def test_a_seed_that_takes_too_long_is_a_row_with_its_reason(tmp_path: Path) -> None:
-    ended(start(*STATES, "seed_limit_s=1", f"out={tmp_path}"))  # no process starts in a second
-    found = read_rows(tmp_path / "results/generate/pick_meat/full-disturbed.jsonl", GenerationRow)
-    assert [(row.seed, row.success) for row in found] == [(0, False), (1, False)]
-    assert all(row.reason.startswith("no result after 1 s; its process, ") for row in found)
+def test_a_seed_over_the_time_limit_is_a_row_with_the_reason(tmp_path: Path) -> None:
+    wait_for(start(*STATES, "seed_limit_s=1", f"out={tmp_path}"))  # no process starts in a second
+    rows = read_rows(tmp_path / "results/generate/pick_meat/full-disturbed.jsonl", GenerationRow)
+    assert [(row.seed, row.success) for row in rows] == [(0, False), (1, False)]
+    assert all(row.reason.startswith("no result after 1 s; its process, ") for row in rows)
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two demonstrations with small pictures."""
     out = tmp_path_factory.mktemp("data")
-    code, _, errors = ended(start(*TINY, "stages=[generate]", f"out={out}"))
+    code, _, errors = wait_for(start(*TINY, "stages=[generate]", f"out={out}"))
     assert code == 0, errors
     return out
 
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_training_that_is_told_to_end_saves_and_goes_on(data: Path) -> None:
+def test_terminated_training_saves_its_state_and_resumes(data: Path) -> None:
     arguments = (*TINY, "stages=[train]", "training.steps=100000", "train_seed=1", f"out={data}")
     folder = data / "policies/lift_barrier/full/shared_local/fast-2-1"
     run = start(*arguments)
-    assert until((folder / "shared/curves.csv").exists, LONG_S)
+    assert wait_until((folder / "shared/curves.csv").exists, LONG_S)
     time.sleep(1.0)
     run.terminate()
-    code, _, errors = ended(run)
+    code, _, errors = wait_for(run)
     assert code == 128 + signal.SIGTERM
     assert errors.strip().splitlines()[-1] == "ended by SIGTERM; the same command goes on from here"
     assert (folder / "shared/state.safetensors").exists()
 
-    with locked(folder / ".shared.lock", "shared"):  # as if its trainer still lived
+    with locked(folder / ".shared.lock", "shared"):  # as if its trainer were still running
         run = start(*arguments)
         assert run.stdout is not None
         guard = threading.Timer(LONG_S, run.kill)
@@ -149,14 +149,14 @@ def test_training_that_is_told_to_end_saves_and_goes_on(data: Path) -> None:
         assert (folder / "shared/curves.csv").read_bytes() == before
         guard.cancel()
         run.kill()
-        ended(run)
+        wait_for(run)
 
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_a_scene_that_takes_too_long_is_a_row(data: Path) -> None:
+def test_a_scene_over_the_time_limit_is_a_row(data: Path) -> None:
     arguments = (*TINY, "stages=[train,evaluate]", "training.steps=3", "seed_limit_s=1", f"out={data}")
-    code, _, errors = ended(start(*arguments))
+    code, _, errors = wait_for(start(*arguments))
     assert code == 0, errors
-    found = read_rows(data / "results/evaluate/lift_barrier/shared_local/full-fast-2.jsonl", EvaluationRow)
-    assert [(row.scene_seed, row.success) for row in found] == [(1_000_000, False), (1_000_001, False)]
+    rows = read_rows(data / "results/evaluate/lift_barrier/shared_local/full-fast-2.jsonl", EvaluationRow)
+    assert [(row.scene_seed, row.success) for row in rows] == [(1_000_000, False), (1_000_001, False)]

@@ -1,4 +1,4 @@
-"""Children: results in order, limits, and that none is left, whatever ends the parent. Real processes."""
+"""Real worker processes: order of results, time limits, and no process left, however the parent ends."""
 
 import os
 import signal
@@ -12,9 +12,9 @@ import pytest
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.processes import Timeout, end_with_parent, in_order
-from tests.children import alive, session, until
+from tests.children import is_alive, session_processes, wait_until
 
-LIMIT_S = 5.0  # with the start of the process
+LIMIT_S = 5.0  # includes starting the process
 
 
 def slept(seconds: float, value: int) -> int:
@@ -44,12 +44,12 @@ class Awkward(Exception):
         super().__init__(f"{one} and {two}")
 
 
-def awkward() -> None:
+def raise_awkward() -> None:
     raise Awkward(1, 2)
 
 
-def saved_when_told(path: Path) -> None:
-    """Saves half a second after SIGTERM, as a training does."""
+def save_on_sigterm(path: Path) -> None:
+    """Saves half a second after SIGTERM, as training does."""
 
     def save(*_: object) -> None:
         time.sleep(0.5)
@@ -61,8 +61,8 @@ def saved_when_told(path: Path) -> None:
     time.sleep(600)
 
 
-def wrong_once(path: Path) -> None:
-    until(path.exists)
+def fail_after(path: Path) -> None:
+    wait_until(path.exists)
     wrong()
 
 
@@ -79,7 +79,7 @@ def test_one_worker_without_a_limit_is_this_process() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_job_beyond_its_limit_is_ended_and_the_others_go_on(workers: int) -> None:
+def test_a_job_over_its_limit_is_killed_and_the_others_continue(workers: int) -> None:
     jobs = [partial(slept, 0, 0), partial(slept, 600, 1), partial(slept, 0, 2), partial(slept, 0, 3)]
     first, late, *rest = in_order(jobs, workers, LIMIT_S)
     assert (first, rest) == (0, [2, 3])
@@ -88,26 +88,26 @@ def test_a_job_beyond_its_limit_is_ended_and_the_others_go_on(workers: int) -> N
 
 
 @pytest.mark.slow
-def test_a_stopped_worker_is_ended_at_its_limit() -> None:
+def test_a_stopped_worker_is_killed_at_its_limit() -> None:
     late, other = in_order([partial(signalled, signal.SIGSTOP), partial(slept, 0, 1)], 1, LIMIT_S)
     assert (late.state, other) == ("stopped", 1)
 
 
-def test_a_killed_worker_is_one_line_that_says_to_run_again() -> None:
+def test_a_killed_worker_gives_one_line_that_says_to_run_again() -> None:
     with pytest.raises(StageError, match=r"process \d+, was ended by SIGKILL .*memory.*run the same command"):
         list(in_order([partial(signalled, signal.SIGKILL)], 2, LIMIT_S))
 
 
-def test_what_a_job_raises_is_raised_with_its_traceback() -> None:
+def test_errors_of_jobs_are_raised_with_their_traceback() -> None:
     with pytest.raises(ArgumentError, match="not so") as caught:
         list(in_order([wrong], 2))
     assert "in wrong" in "".join(caught.value.__notes__)
-    with pytest.raises(RuntimeError, match="Awkward: 1 and 2"):  # its class cannot be made again
-        list(in_order([awkward], 2))
+    with pytest.raises(RuntimeError, match="Awkward: 1 and 2"):  # its class cannot be unpickled
+        list(in_order([raise_awkward], 2))
 
 
-def test_ctrl_c_is_the_affair_of_the_parent(tmp_path: Path) -> None:
-    """In a process of its own: its first child is the one that multiprocessing starts otherwise."""
+def test_workers_ignore_ctrl_c(tmp_path: Path) -> None:
+    """In a separate process: multiprocessing starts its first child in another way."""
     script = tmp_path / "parent.py"
     script.write_text(INTERRUPTED)
     run = subprocess.run(
@@ -116,41 +116,41 @@ def test_ctrl_c_is_the_affair_of_the_parent(tmp_path: Path) -> None:
     assert run.stdout == "['still here']\n", run.stderr
 
 
-def test_workers_side_by_side_keep_to_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parallel_workers_use_one_core_each(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert list(in_order([partial(environment, "OMP_NUM_THREADS")], 2)) == ["1"]
     assert list(in_order([partial(environment, "OMP_NUM_THREADS")], 1, LIMIT_S)) == [None]
     assert "OMP_NUM_THREADS" not in os.environ
 
 
-def test_who_stops_early_leaves_no_process() -> None:
+def test_stopping_early_leaves_no_process() -> None:
     results = in_order([partial(process, k) for k in range(2)] + [partial(slept, 600, 2)] * 2, 2)
     pids = [next(results), next(results)]
     results.close()  # pyright: ignore[reportAttributeAccessIssue]
-    assert not any(map(alive, pids))
+    assert not any(map(is_alive, pids))
 
 
-def test_who_has_nothing_to_do_waits_for_the_next_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the same parent, in the same surroundings; one that has died is not asked again."""
+def test_idle_workers_are_reused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers are reused by the same parent while its environment is the same; dead ones are replaced."""
     first = set(in_order([partial(process, k) for k in range(4)], 2))
-    again = set(in_order([partial(process, k) for k in range(4)], 2))
+    reused = set(in_order([partial(process, k) for k in range(4)], 2))
     monkeypatch.setenv("WANDB_SERVICE", "of a log that has begun since")
-    again |= set(in_order([partial(process, k) for k in range(4)], 2))
-    assert again <= first and all(map(alive, again))
+    reused |= set(in_order([partial(process, k) for k in range(4)], 2))
+    assert reused <= first and all(map(is_alive, reused))
     monkeypatch.setenv("SOMETHING", "else")
     (other,) = in_order([partial(process, 0)], 1, LIMIT_S)
-    assert other not in first and not any(map(alive, first))
+    assert other not in first and not any(map(is_alive, first))
     os.kill(other, signal.SIGKILL)
-    assert until(lambda: not alive(other))
+    assert wait_until(lambda: not is_alive(other))
     (last,) = in_order([partial(process, 0)], 1, LIMIT_S)
     assert last != other
 
 
 @pytest.mark.slow
-def test_a_job_told_to_end_may_save_first(tmp_path: Path) -> None:
+def test_a_terminated_job_may_save_first(tmp_path: Path) -> None:
     path = tmp_path / "state"
     with pytest.raises(ArgumentError):
-        list(in_order([partial(saved_when_told, path), partial(wrong_once, path)], 2, grace_s=30.0))
+        list(in_order([partial(save_on_sigterm, path), partial(fail_after, path)], 2, grace_s=30.0))
     assert path.read_text() == "saved"
 
 
@@ -191,7 +191,7 @@ if __name__ == "__main__":
 
 
 def as_a_job(seconds: float) -> int:
-    """What a launcher's process does with a job."""
+    """Runs like a job in a process of a launcher."""
     end_with_parent()
     time.sleep(seconds)
     return os.getpid()
@@ -213,7 +213,7 @@ def test_children_end_with_their_parent(number: int, code: str, tmp_path: Path) 
     assert parent.stdout is not None
     with parent:
         pids = [int(word) for word in parent.stdout.readline().split()]
-        assert len(pids) == 2 and all(map(alive, pids))
+        assert len(pids) == 2 and all(map(is_alive, pids))
         parent.send_signal(number)
         parent.wait(30)
-    assert until(lambda: not session(parent.pid), 5.0), session(parent.pid)
+    assert wait_until(lambda: not session_processes(parent.pid), 5.0), session_processes(parent.pid)

@@ -1,4 +1,4 @@
-"""The rescue of damaged stores: what is whole stays, bit by bit; the damaged one is never touched."""
+"""Rescue of damaged stores: intact episodes are kept bit by bit, the damaged store is never changed."""
 
 import hashlib
 import sys
@@ -13,7 +13,7 @@ from rf_exp.rescue import main
 from rf_exp.store import Store
 from tests.store.episodes import assert_same, make_episode, make_store
 
-EPISODES = [make_episode(seed, 100) for seed in range(6)]  # of 256 rows to a file: 0-2, 2-5, 5
+EPISODES = [make_episode(seed, 100) for seed in range(6)]  # files of 256 rows hold episodes 0-2, 2-5 and 5
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def flip(path: Path) -> None:
     path.write_bytes(content)
 
 
-DAMAGES = {  # what is done to the folder -> the seeds that stay
+DAMAGES = {  # damage -> (function that causes it, seeds that are kept)
     "a picture file is missing": (lambda p: (p / "data/rgb_agent1/c/1/0/0/0").unlink(), [0, 1]),
     "the metadata of an array is cut": (
         lambda p: (p / "data/qpos/zarr.json").write_text("{"),
@@ -60,25 +60,25 @@ DAMAGES = {  # what is done to the folder -> the seeds that stay
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_whole_episodes_are_kept_and_the_damaged_store_is_moved_aside(
+def test_intact_episodes_are_kept_and_the_damaged_store_is_moved_aside(
     path: Path, rescue, damage: str
 ) -> None:
     attributes = dict(zarr.open_group(path, mode="r").attrs)
-    harm, stay = DAMAGES[damage]
-    harm(path)
+    damage_store, kept = DAMAGES[damage]
+    damage_store(path)
     with pytest.raises(StageError, match=r"python -m rf_exp\.rescue"):
         Store.open(path)
     before = digest(path)
     code, out, errors = rescue(path)
     assert (code, errors) == (0, "")
-    assert f"holds the {len(stay)} whole episodes of 6" in out
+    assert f"holds the {len(kept)} whole episodes of 6" in out
     store = Store.open(path)
-    assert store.seeds.tolist() == stay
-    for index, seed in enumerate(stay):
+    assert store.seeds.tolist() == kept
+    for index, seed in enumerate(kept):
         assert_same(store.episode(index), EPISODES[seed])
     assert store.attrs == attributes
     assert digest(path.with_name("quick.damaged.zarr")) == before
-    assert out.count("lost: episode") == 6 - len(stay)
+    assert out.count("lost: episode") == 6 - len(kept)
     assert {each.name for each in path.parent.iterdir() if not each.name.endswith(".lock")} == {
         "quick.zarr",
         "quick.damaged.zarr",
@@ -86,7 +86,7 @@ def test_whole_episodes_are_kept_and_the_damaged_store_is_moved_aside(
 
 
 @pytest.mark.slow
-def test_a_flipped_bit_in_a_picture_costs_the_episodes_it_is_in(path: Path, rescue) -> None:
+def test_a_flipped_bit_in_a_picture_loses_its_episode_only(path: Path, rescue) -> None:
     flip(path / "data/rgb_global/c/0/0/0/0")
     code, out, _ = rescue(path)
     assert code == 0
@@ -96,7 +96,7 @@ def test_a_flipped_bit_in_a_picture_costs_the_episodes_it_is_in(path: Path, resc
 
 
 @pytest.mark.slow
-def test_a_dry_run_says_what_would_be_kept_and_changes_nothing(path: Path, rescue) -> None:
+def test_a_dry_run_reports_what_would_be_kept_and_changes_nothing(path: Path, rescue) -> None:
     (path / "data/rgb_agent1/c/1/0/0/0").unlink()
     before = digest(path.parent)
     code, out, _ = rescue(path, "--dry-run")
@@ -106,7 +106,7 @@ def test_a_dry_run_says_what_would_be_kept_and_changes_nothing(path: Path, rescu
 
 
 @pytest.mark.slow
-def test_a_whole_store_stays_as_it_is(path: Path, rescue) -> None:
+def test_an_intact_store_is_unchanged(path: Path, rescue) -> None:
     before = digest(path)
     code, out, _ = rescue(path)
     assert code == 0 and "is not damaged: all 6 episodes can be read" in out
@@ -115,8 +115,8 @@ def test_a_whole_store_stays_as_it_is(path: Path, rescue) -> None:
 
 
 @pytest.mark.slow
-def test_a_rescue_that_was_killed_is_finished(path: Path, rescue) -> None:
-    path.with_name("quick.rescued.zarr").mkdir()  # killed while it wrote
+def test_a_killed_rescue_is_completed(path: Path, rescue) -> None:
+    path.with_name("quick.rescued.zarr").mkdir()  # killed during writing
     (path / "data/qpos/zarr.json").unlink()
     assert rescue(path)[0] == 0
     path.rename(path.with_name("quick.rescued.zarr"))  # killed between the two moves
@@ -125,7 +125,7 @@ def test_a_rescue_that_was_killed_is_finished(path: Path, rescue) -> None:
     assert len(Store.open(path)) == 6
 
 
-def test_what_cannot_be_rescued_says_why(path: Path, rescue, tmp_path: Path) -> None:
+def test_the_reason_is_given_if_nothing_can_be_rescued(path: Path, rescue, tmp_path: Path) -> None:
     code, _, errors = rescue(tmp_path / "nothing.zarr")
     assert code == 1 and "no store at" in errors
     (path / "zarr.json").write_text("{")
@@ -136,9 +136,7 @@ def test_what_cannot_be_rescued_says_why(path: Path, rescue, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_an_earlier_damaged_store_is_not_overwritten_and_nobody_is_asked_to_delete_it(
-    path: Path, rescue
-) -> None:
+def test_an_earlier_damaged_store_is_not_overwritten(path: Path, rescue) -> None:
     flip(path / "data/rgb_global/c/0/0/0/0")
     first, second = (path.with_name(f"quick.damaged{number}.zarr") for number in ("", "-2"))
     assert rescue(path)[0] == 0
@@ -147,14 +145,14 @@ def test_an_earlier_damaged_store_is_not_overwritten_and_nobody_is_asked_to_dele
     assert (code, errors) == (0, "") and "is not damaged: all 5 episodes can be read" in out
     assert digest(first) == original and not second.exists()
     flip(path / "data/rgb_agent1/c/1/0/0/0")
-    again = digest(path)
+    second_damage = digest(path)
     assert rescue(path)[0] == 0
-    assert (digest(first), digest(second)) == (original, again)
+    assert (digest(first), digest(second)) == (original, second_damage)
     assert Store.open(path).seeds.tolist() == [1, 2, 3, 5]
 
 
 @pytest.mark.slow
-def test_a_dry_run_finishes_no_rescue_that_was_killed(path: Path, rescue) -> None:
+def test_a_dry_run_does_not_complete_a_killed_rescue(path: Path, rescue) -> None:
     path.with_name("quick.damaged.zarr").mkdir()
     path.rename(path.with_name("quick.rescued.zarr"))
     code, out, _ = rescue(path, "--dry-run")

@@ -1,4 +1,4 @@
-"""How the package is laid out: what is imported from where, what is public, where attributes are set."""
+"""Layout of the package: imports, public names, size of folders, attributes set outside of __init__."""
 
 import ast
 from collections import Counter
@@ -12,34 +12,41 @@ from tests.conftest import LONG
 ROOT = Path(__file__).parents[1]
 SOURCES = {
     path: ast.parse(path.read_text("utf-8"))
-    for folder in ("rf_exp", "docs", "examples", "plugins")  # benchmarks and tests may look inside
+    for folder in ("rf_exp", "docs", "examples", "plugins")  # benchmarks and tests may import private names
     for path in sorted((ROOT / folder).rglob("*.py"))
 }
 PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}
-STUBS = {  # of packages whose names are imported once they are asked for
+STUBS = {  # of packages with lazy imports
     path.parent: ast.parse(path.read_text("utf-8")) for path in (ROOT / "rf_exp").rglob("__init__.pyi")
 }
-HOUSE = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
-CLASSES = [node for path in HOUSE for node in ast.walk(SOURCES[path]) if isinstance(node, ast.ClassDef)]
-MOST_MODULES = 14  # of a folder, its stub among them
-# Those of which another edits nothing: a task, an asset or a constraint more makes no folder too full.
-ADDED_TO = ("conf/task", "rf_exp/tasks/assets", "rf_exp/constraints/checks")
-KINDS = {path.stem for each in ADDED_TO for path in (ROOT / each).iterdir()} - {"__init__", "__main__"}
-BIRTHPLACES = {"__init__", "__post_init__", "__new__"}
+RF_EXP_FILES = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
+CLASSES = [
+    node for path in RF_EXP_FILES for node in ast.walk(SOURCES[path]) if isinstance(node, ast.ClassDef)
+]
+MOST_MODULES = 14  # per folder, including its stub
+# Modules that are added without an edit elsewhere; tasks, assets and constraints do not count for the limit.
+EXTENSIBLE_FOLDERS = ("conf/task", "rf_exp/tasks/assets", "rf_exp/constraints/checks")
+EXTENSIONS = {path.stem for each in EXTENSIBLE_FOLDERS for path in (ROOT / each).iterdir()} - {
+    "__init__",
+    "__main__",
+}
+CONSTRUCTORS = {"__init__", "__post_init__", "__new__"}
 
 
-def named(path: Path) -> str:
+def short_path(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def listed(package: Path) -> list[tuple[str, ast.alias]]:
-    """(inner module, name) of what a stub lists; the module is empty for a module itself."""
+def stub_entries(package: Path) -> list[tuple[str, ast.alias]]:
+    """The entries (inner module, name) of a stub; the inner module is empty for a module itself."""
     nodes = [node for node in STUBS[package].body if isinstance(node, ast.ImportFrom) and node.level == 1]
-    assert len(nodes) == len(STUBS[package].body), f"{named(package)}: a stub holds imports of inner modules"
+    assert len(nodes) == len(STUBS[package].body), (
+        f"{short_path(package)}: a stub holds imports of inner modules"
+    )
     return [(node.module or "", each) for node in nodes for each in node.names]
 
 
-def defined(tree: ast.Module) -> set[str]:
+def defined_names(tree: ast.Module) -> set[str]:
     """The names that a module defines or imports."""
     names: set[str] = set()
     for node in ast.walk(tree):
@@ -53,104 +60,110 @@ def defined(tree: ast.Module) -> set[str]:
 
 
 def public_names(package: Path) -> set[str]:
-    """What a package gives to others: what its stub lists, or its `__all__`; empty where it gives nothing."""
+    """The public names of a package: those of its stub or of its `__all__`; empty if it has neither."""
     if package in STUBS:
-        return {each.asname or each.name for _, each in listed(package)}
+        return {each.asname or each.name for _, each in stub_entries(package)}
     for node in PACKAGES[package].body:
         if isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["__all__"]:
             return set(ast.literal_eval(node.value))
     return set()
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """The full names of what a module imports of `rf_exp`."""
+def imported_names(tree: ast.AST) -> Iterator[str]:
+    """The full names that a module imports from `rf_exp`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            found = [f"{node.module}.{each.name}" for each in node.names]
+            names = [f"{node.module}.{each.name}" for each in node.names]
         else:
-            found = [each.name for each in node.names] if isinstance(node, ast.Import) else []
-        yield from (name for name in found if name.startswith("rf_exp."))
+            names = [each.name for each in node.names] if isinstance(node, ast.Import) else []
+        yield from (name for name in names if name.startswith("rf_exp."))
 
 
 def is_public(name: str, importer: Path) -> bool:
-    """Whether each package on the way to a name gives the next part of it to who is outside.
+    """Whether each package on the path to a name exports the next part of it to modules outside of it.
 
-    A package within another is one itself if it says what it gives, otherwise merely a folder.
+    An inner package counts as a package only if it exports names, otherwise as a folder.
     """
-    here = ROOT / "rf_exp"
+    folder = ROOT / "rf_exp"
     for part in name.split(".")[1:]:
-        is_room = here in PACKAGES and (here.parent == ROOT / "rf_exp" or public_names(here))
-        if is_room and not importer.is_relative_to(here) and part not in public_names(here):
+        is_package = folder in PACKAGES and (folder.parent == ROOT / "rf_exp" or public_names(folder))
+        if is_package and not importer.is_relative_to(folder) and part not in public_names(folder):
             return False
-        here = here / part
+        folder = folder / part
     return True
 
 
-def test_outside_of_a_package_only_its_public_names_are_imported() -> None:
+def test_only_public_names_are_imported_from_other_packages() -> None:
     wrong = [
-        f"{named(path)}: {name}"
+        f"{short_path(path)}: {name}"
         for path, tree in SOURCES.items()
-        for name in imported(tree)
+        for name in imported_names(tree)
         if not is_public(name, path)
     ]
     assert not wrong, "\n".join(wrong)
 
 
-def test_tests_and_benchmarks_look_inside_only_for_what_is_inside() -> None:
-    """What a package gives to all is imported from the package, so that it may move within it."""
+def test_tests_and_benchmarks_import_public_names_from_their_package() -> None:
+    """Public names are imported from their package, so that their definition may move within it."""
     paths = [path for folder in ("tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
     wrong = []
     for path in paths:
-        for name in imported(ast.parse(path.read_text("utf-8"))):
-            package, given = ROOT / "rf_exp" / name.split(".")[1], name.split(".")[-1]
-            if not is_public(name, path) and given in public_names(package):
-                wrong.append(f"{named(path)}: {name} is given by {named(package)}; import it from there")
+        for name in imported_names(ast.parse(path.read_text("utf-8"))):
+            package, attribute = ROOT / "rf_exp" / name.split(".")[1], name.split(".")[-1]
+            if not is_public(name, path) and attribute in public_names(package):
+                wrong.append(
+                    f"{short_path(path)}: {name} is given by {short_path(package)}; import it from there"
+                )
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("package", [each for each in PACKAGES if public_names(each)], ids=named)
-def test_a_package_gives_what_it_says(package: Path) -> None:
-    """And what it imports once it is asked for is written once, where the type checker reads it too."""
+@pytest.mark.parametrize("package", [each for each in PACKAGES if public_names(each)], ids=short_path)
+def test_public_names_of_a_package_exist(package: Path) -> None:
+    """Lazy imports are listed once, in the stub that the type checker also reads."""
     if package not in STUBS:
-        assert public_names(package) <= defined(PACKAGES[package])
+        assert public_names(package) <= defined_names(PACKAGES[package])
         return
-    for module, each in listed(package):
+    for module, each in stub_entries(package):
         inner = package / (module or each.name).replace(".", "/")
-        is_package = inner / "__init__.py" in SOURCES  # a folder of old bytecode is none
+        is_package = inner / "__init__.py" in SOURCES  # a folder with old bytecode only is none
         tree = SOURCES[inner / "__init__.py" if is_package else inner.with_suffix(".py")]
-        assert each.asname == each.name, f"{named(package)}: import {each.name} as {each.name}, or it is kept"
-        assert not module or each.name in (public_names(inner) if is_package else defined(tree))
+        assert each.asname == each.name, (
+            f"{short_path(package)}: import {each.name} as {each.name}, or it is kept"
+        )
+        assert not module or each.name in (public_names(inner) if is_package else defined_names(tree))
     assert not [
-        name for name, times in Counter(each.name for _, each in listed(package)).items() if times > 1
+        name for name, times in Counter(each.name for _, each in stub_entries(package)).items() if times > 1
     ]
-    assert defined(PACKAGES[package]) == {"__getattr__", "__dir__", "__all__"}
+    assert defined_names(PACKAGES[package]) == {"__getattr__", "__dir__", "__all__"}
 
 
-def test_no_folder_holds_more_modules_than_are_seen_at_a_glance() -> None:
-    """Several modules of one concept have a folder of their own, which is named after it."""
-    modules = [*HOUSE, *(package / "__init__.pyi" for package in STUBS)]
-    held = Counter(path.parent for path in modules if path.stem not in KINDS)
-    full = [f"{named(folder)}: {number}" for folder, number in held.items() if number > MOST_MODULES]
-    assert not full, f"at most {MOST_MODULES} modules a folder: {', '.join(full)}"
+def test_no_folder_has_too_many_modules() -> None:
+    """Several modules of one concept are in a folder named after the concept."""
+    modules = [*RF_EXP_FILES, *(package / "__init__.pyi" for package in STUBS)]
+    counts = Counter(path.parent for path in modules if path.stem not in EXTENSIONS)
+    too_full = [
+        f"{short_path(folder)}: {number}" for folder, number in counts.items() if number > MOST_MODULES
+    ]
+    assert not too_full, f"at most {MOST_MODULES} modules a folder: {', '.join(too_full)}"
 
 
-def assigned(method: ast.FunctionDef) -> set[str]:
-    """The attributes of itself to which a method gives a value."""
+def assigned_attributes(method: ast.FunctionDef) -> set[str]:
+    """The attributes of self that a method assigns."""
     if not method.args.args or any(ast.unparse(each) == "staticmethod" for each in method.decorator_list):
         return set()
-    promised = {
+    declared = {
         each.target for each in ast.walk(method) if isinstance(each, ast.AnnAssign) and not each.value
     }
     return {
         each.attr
         for each in ast.walk(method)
-        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and each not in promised
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and each not in declared
         if ast.unparse(each.value) == method.args.args[0].arg
     }
 
 
-def born(cls: ast.ClassDef) -> set[str]:
-    """The attributes that every object of a class has from the start, also by those that it descends from."""
+def initial_attributes(cls: ast.ClassDef) -> set[str]:
+    """The attributes that every object of a class has after construction, including those of base classes."""
     fields = any("dataclass" in ast.unparse(each) for each in cls.decorator_list)
     names: set[str] = set()
     for node in cls.body:
@@ -159,24 +172,25 @@ def born(cls: ast.ClassDef) -> set[str]:
         elif isinstance(node, ast.Assign):
             names |= {ast.unparse(each) for each in node.targets}
         elif isinstance(node, ast.FunctionDef):
-            names |= assigned(node) if node.name in BIRTHPLACES else {node.name}  # a property, with a setter
+            # Other functions may be properties, with a setter.
+            names |= assigned_attributes(node) if node.name in CONSTRUCTORS else {node.name}
     bases = {ast.unparse(base).split("[")[0].rsplit(".")[-1] for base in cls.bases}
     for parent in CLASSES:
-        names |= born(parent) if parent.name in bases - {cls.name} else set()
+        names |= initial_attributes(parent) if parent.name in bases - {cls.name} else set()
     return names
 
 
-def test_no_attribute_is_born_outside_of_init() -> None:
-    """What an object is made of is read in one place, and nothing is missing before a method was called.
+def test_no_attribute_is_first_set_outside_of_init() -> None:
+    """All attributes are set in one place, and none is missing before a method has been called.
 
-    What a method makes anew, such as the state of an episode, is an object of its own, in one attribute.
+    State that a method recreates, such as that of an episode, is a separate object in one attribute.
     """
     late = [
         f"{cls.name}.{method.name} is the first to set self.{name} (line {method.lineno}); set it in __init__"
         for cls in CLASSES
         for method in cls.body
-        if isinstance(method, ast.FunctionDef) and method.name not in BIRTHPLACES
-        for name in sorted(assigned(method) - born(cls))
+        if isinstance(method, ast.FunctionDef) and method.name not in CONSTRUCTORS
+        for name in sorted(assigned_attributes(method) - initial_attributes(cls))
     ]
     assert not late, "\n".join(late)
 
@@ -185,7 +199,7 @@ def test_the_longest_modules_of_tests_exist() -> None:
     assert {*LONG} <= {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
 
 
-def test_no_file_of_tests_is_called_as_another() -> None:
-    """The name alone says what failed."""
-    called = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
-    assert not [name for name, times in called.items() if times > 1]
+def test_file_names_of_tests_are_unique() -> None:
+    """The name of a file identifies a failed test."""
+    counts = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+    assert not [name for name, times in counts.items() if times > 1]

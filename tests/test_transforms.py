@@ -1,4 +1,4 @@
-"""Quick forms of rigid transforms say what the general ones say."""
+"""Fast variants of rigid transforms agree with the general ones."""
 
 import numpy as np
 import pytest
@@ -8,18 +8,18 @@ from rf_exp.transforms import angle_between_rad, position_and_quaternion, quater
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_one_pose_has_the_quaternion_of_many(seed: int) -> None:
+def test_the_scalar_and_the_array_quaternion_agree(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    turns = [
+    rotations = [
         *Rotation.random(200, rng=rng),
         *Rotation.from_euler("xyz", np.pi * np.eye(3)),
         Rotation.identity(),
     ]
-    for turn in turns:
-        pose = transform(rng.normal(size=3), turn)
-        found = np.array(position_and_quaternion(pose))
-        np.testing.assert_array_equal(found[:3], pose[:3, 3])
-        np.testing.assert_allclose(found[3:], quaternion(pose), atol=1e-12)
+    for rotation in rotations:
+        pose = transform(rng.normal(size=3), rotation)
+        result = np.array(position_and_quaternion(pose))
+        np.testing.assert_array_equal(result[:3], pose[:3, 3])
+        np.testing.assert_allclose(result[3:], quaternion(pose), atol=1e-12)
 
 
 def test_the_angle_between_directions() -> None:

@@ -1,4 +1,4 @@
-"""Draws docs/images/assets.png, every built-in asset as a policy sees it: python docs/images/assets.py"""
+"""Renders docs/images/assets.png, all built-in assets as policies see them: python docs/images/assets.py"""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ FAR = 1.6  # distance of the camera in diagonals of the asset
 
 
 def picture(name: str, **options: str) -> np.ndarray:
-    """(240, 320, 3) RGB of one asset on the table, filling the frame."""
+    """RGB picture (240, 320, 3) of one asset on the table, filling the frame."""
     asset = assets.load(name, options)
     low, high = asset.bounds_m
     middle = (low + high) / 2 @ planar(0, 0, np.deg2rad(YAW_DEG))[:3, :3].T

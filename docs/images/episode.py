@@ -1,4 +1,4 @@
-"""The pictures of docs/one_episode.md, from the page of a demonstration that has been made:
+"""Writes the pictures of docs/one_episode.md, from the output of `rf_exp.demonstration`:
 
 python -m rf_exp.demonstration task=place_food "picture={width: 640, height: 480}"
 python docs/images/episode.py outputs/demonstrations/place_food-0

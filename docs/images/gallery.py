@@ -1,4 +1,4 @@
-"""Draws every task as the expert does it, gallery.jpg and tasks/: python docs/images/gallery.py"""
+"""Renders expert episodes of all tasks, gallery.jpg and tasks/: python docs/images/gallery.py"""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from rf_exp.types import ConstraintSet
 
 HERE = Path(__file__).parent
 QUALITY = 85  # of JPEG
-WIDTH_PX, HEIGHT_PX = 1280, 960  # more than is shown: smooth edges, also of what is seen from near
+WIDTH_PX, HEIGHT_PX = 1280, 960  # larger than shown, for smooth edges also in close-ups
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Plug-in of LeRobot: `lerobot-eval --env.type=rf_exp --env.task=lift_barrier`; see docs/environments.md."""
+"""LeRobot plug-in: `lerobot-eval --env.type=rf_exp --env.task=lift_barrier`; see docs/environments.md."""
 
 # pyright: reportMissingImports=false
 from dataclasses import dataclass, field
@@ -16,17 +16,17 @@ KINDS = {"agent_pos": FeatureType.STATE, "environment_state": FeatureType.ENV}
 @EnvConfig.register_subclass("rf_exp")
 @dataclass
 class RfExpEnv(EnvConfig):
-    """One task, for one policy of all its arms; `features` follow from the task and what is observed."""
+    """Environment of one task for one policy of all arms; `features` follow from task and observations."""
 
-    task: str | None = "lift_barrier"  # a name of conf/task, or the path of a task's YAML file
-    fps: int = 20  # of control; another one is none of this simulator's
-    episode_length: int | None = None  # control steps; None: the task's, twice the expert's mean
-    state: str = "joints"  # joints | full: the poses of all objects, too
+    task: str | None = "lift_barrier"  # name in conf/task, or path of a YAML file
+    fps: int = 20  # control rate, Hz, fixed by the simulator
+    episode_length: int | None = None  # control steps; None: the task's limit
+    state: str = "joints"  # joints | full (also the poses of all objects)
     pictures: bool = True
     cameras: str = "all"  # all | local (those of the agents) | global
     width: int = 320
     height: int = 240
-    variation: str = "none"  # of conf/variation
+    variation: str = "none"  # name in conf/variation
     features_map: dict[str, str] = field(
         default_factory=lambda: {
             ACTION: ACTION,

@@ -17,9 +17,9 @@ def generation(
     task: str, constraints: str, wins: int, losses: int, *, steps: int = 100, version: str = "1",
     brain: str = "scripted", loose: int = 0, first: int = 0, violations: Sequence[int] = (0,),
 ) -> list[GenerationRow]:  # fmt: skip
-    """`wins` successes of steps, steps + 1, ... and then failures, `loose` of them fine for the paper.
+    """`wins` successes of steps, steps + 1, ..., then failures, `loose` of them successes for the paper.
 
-    Of `violations`, one number a row, again from the start where they end, no row has more than BUDGET.
+    `violations` has one number per row, at most BUDGET, and is repeated if it is shorter.
     """
     return [
         GenerationRow(
@@ -34,7 +34,7 @@ def generation(
 
 
 def failed(i: int, broken: int) -> Account:
-    """An account, as the loop of generation gives it; its numbers are those of seed `i`."""
+    """Account of a failure, as the loop of generation gives it, with numbers that depend on seed `i`."""
     close = Violation(
         check=CheckName.OCCUPANCY, cause=Cause.SPACE, finding=Finding.TOUCHING, value=10.0 + i, bound=1.0,
         unit="N", time_s=0.1 * i, agents=(1, 2), measured=True,

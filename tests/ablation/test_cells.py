@@ -43,7 +43,7 @@ CLEAN = Estimate(0.5, 0.25, 0.75, 8)
         ),
     ],
 )
-def test_a_cell_is_written_with_all_that_belongs_to_it(cell: Cell, markdown: str, latex: str) -> None:
+def test_a_cell_is_written_with_all_its_details(cell: Cell, markdown: str, latex: str) -> None:
     assert (cell.markdown(), cell.latex()) == (markdown, latex)
 
 
@@ -79,14 +79,14 @@ def test_csv_holds_the_numbers_as_they_are(cell: Cell, said: dict[str, object]) 
     assert said.items() <= cell.csv().items()
 
 
-def test_a_rate_without_a_violation_is_told_apart_where_it_is_another() -> None:
+def test_a_rate_without_a_violation_is_separate_if_it_differs() -> None:
     assert Rate(0.5, 8, clean=CLEAN).clean_if_different is None
     assert Rate(0.75, 8, clean=CLEAN).clean_if_different == CLEAN
     assert Rate(0.75, 8).estimate is None  # an average has no interval
     assert Rate(0.75, 8, (0.4, 0.9)).estimate == Estimate(0.75, 0.4, 0.9, 8)
 
 
-def test_what_was_not_measured_is_named_and_not_shown() -> None:
+def test_lines_and_columns_without_figures_are_left_out_and_named() -> None:
     columns = (Column("agents", "Agents", Text), *with_violations("a", "First"), Column("b", "Second", Rate))
     some, none = Rate(0.5, 10), Rate(None, 0)
     lines = (

@@ -1,4 +1,4 @@
-"""The pages of policies and the tables of other documents say what the rows in results/ say."""
+"""The pages of policies and the tables of other documents agree with the rows in results/."""
 
 import re
 import runpy
@@ -24,11 +24,11 @@ def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.
     rows = script["measured"]()
     for path, written in script["documents"](rows).items():
         assert path.read_text("utf-8") == written, "run: python docs/policies.py"
-    # Lines are drawn a little otherwise by another matplotlib; what they show must be the same.
+    # Another matplotlib renders lines slightly differently; the data that they show must be the same.
     panels = script["panels"](script["paper_table_cells"](script["rows_by_policy"](rows)))
     shown = runpy.run_path(str(DOCS / "figure.py"))["described"](panels)
-    (told,) = DATA.findall((DOCS / "images" / "policies.svg").read_text("utf-8"))
-    assert told == shown, "run: python docs/policies.py"
+    (described,) = DATA.findall((DOCS / "images" / "policies.svg").read_text("utf-8"))
+    assert described == shown, "run: python docs/policies.py"
 
 
 def test_the_pages_of_robustness_are_what_their_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,17 +51,17 @@ def test_the_page_of_scaling_is_what_its_script_writes(monkeypatch: pytest.Monke
     assert script["exponent"](alike, "ring", 1) == "2.00"
 
 
-def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_are_some(
+def test_the_page_of_robustness_lists_every_choice_and_the_rows_that_exist(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """And says that there are none as long as there are none."""
+    """Without rows, it says so."""
     monkeypatch.syspath_prepend(DOCS)
     script = runpy.run_path(str(DOCS / "robustness.py"))
     names = {path.stem for path in (CONF / "variation").glob("*.yaml")}
     assert set(script["variation_names"]()) == names
     assert all(line[2] == "nothing" for line in map(script["factor_line"], names) if line[0] == "`none`")
-    told = dict(script["keys"]())
-    assert set(told) == {f"`{each.name}`" for each in fields(Variation) if each.name != "name"}
+    keys = dict(script["keys"]())
+    assert set(keys) == {f"`{each.name}`" for each in fields(Variation) if each.name != "name"}
     rows = evaluation("lift_barrier", "separate_local", 150, 2, 1, recipe="fast")
     rows += evaluation("lift_barrier", "separate_local", 150, 1, 2, recipe="fast", variation="light")
 
@@ -81,7 +81,7 @@ def test_tables_are_what_their_script_writes(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_task_lasts_twice_as_long_as_its_expert(task: Task) -> None:
-    """A law: `step_limit` is what the published rows of the undisturbed expert say."""
+    """`step_limit` is twice the mean length of successes in the published rows of the undisturbed expert."""
     rows = read_rows(DOCS.parent / "results" / "expert" / f"{task.name}{PUBLISHED}", GenerationRow)
     assert not any(row.disturbance_rad or row.delay_s for row in rows)
     wanted = round(2 * fmean(row.steps for row in rows if row.success))

@@ -24,7 +24,7 @@ def composed(*overrides: str) -> dict[str, Any]:
     register_all_tasks()
     with initialize_config_dir(str(CONF), version_base=None):
         node = compose("config", list(overrides), return_hydra_config=True)
-    values: Any = OmegaConf.to_container(node)  # unresolved: some values name what only a run knows
+    values: Any = OmegaConf.to_container(node)  # unresolved: some values exist only in a run
     return values
 
 
@@ -47,19 +47,19 @@ def test_architectures() -> None:
 
 
 @pytest.mark.slow
-def test_ablation_draws_nothing_and_counts_seeds() -> None:
+def test_ablation_renders_nothing_and_counts_seeds() -> None:
     values = composed("experiment=ablation")
     assert set(values["constraints"]) == ROWS
     assert values["stages"] == ["generate", "report"]
     assert not values["render"]
     assert values["episodes"] >= 100
-    assert values["out"] != composed()["out"]  # scenes with heavy things never mix with the usual ones
+    assert values["out"] != composed()["out"]  # scenes with heavy objects never mix with the usual ones
     assert values["randomisation"]["mass_scale"] > 0
 
 
 @pytest.mark.slow
 def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
-    """In what is learned, and then not in name alone; or in how the same policies act."""
+    """Either in training, and then not in name alone, or in how the same policies act."""
     swept = composed("experiment=policy_ablation")["hydra"]["sweeper"]["params"]["policy"].split(",")
     chosen = [choice.strip() for choice in swept]
     of_fast = {
@@ -80,22 +80,24 @@ def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
 def test_each_ablation_of_robust_is_without_one_of_its_steps() -> None:
     robust = experiment("recipe=robust", "policy=robust")
     unrefined = experiment("policy=ablation/without_crop_refinement")
-    stays = experiment("recipe=without_homing", "policy=ablation/without_homing")
-    repeats = experiment("recipe=without_search", "policy=ablation/without_search")
-    again = replace(robust.policy.acting, regrasp_step_m=0.0)
-    assert robust.policy.acting != again and repeats.policy == replace(robust.policy, acting=again)
-    assert (repeats.name, repeats.learned_as, repeats.pictures) == ("robust", "robust", robust.pictures)
-    acting = replace(again, homing=False)
-    assert robust.policy.acting != acting and stays.policy == replace(robust.policy, acting=acting)
-    assert (stays.name, stays.learned_as, stays.pictures) == ("robust", "robust", robust.pictures)
+    no_homing = experiment("recipe=without_homing", "policy=ablation/without_homing")
+    no_search = experiment("recipe=without_search", "policy=ablation/without_search")
+    searchless = replace(robust.policy.acting, regrasp_step_m=0.0)
+    assert robust.policy.acting != searchless and no_search.policy == replace(
+        robust.policy, acting=searchless
+    )
+    assert (no_search.name, no_search.learned_as, no_search.pictures) == ("robust", "robust", robust.pictures)
+    acting = replace(searchless, homing=False)
+    assert robust.policy.acting != acting and no_homing.policy == replace(robust.policy, acting=acting)
+    assert (no_homing.name, no_homing.learned_as, no_homing.pictures) == ("robust", "robust", robust.pictures)
     assert unrefined.policy.acting == acting
-    fixed, fast = experiment("policy=ablation/without_start_offset"), experiment("policy=fast")
-    assert unrefined.policy != fixed.policy == replace(unrefined.policy, start_offset_rad=0.0)
-    assert (unrefined.training, unrefined.name) == (fixed.training, fixed.name)
-    ours, theirs, once = (each.policy.encoder for each in (robust, unrefined, fast))
+    without_offset, fast = experiment("policy=ablation/without_start_offset"), experiment("policy=fast")
+    assert unrefined.policy != without_offset.policy == replace(unrefined.policy, start_offset_rad=0.0)
+    assert (unrefined.training, unrefined.name) == (without_offset.training, without_offset.name)
+    ours, theirs, of_fast = (each.policy.encoder for each in (robust, unrefined, fast))
     assert isinstance(ours, KeypointsConfig)
-    looks = {key: getattr(once, key) for key in ("downsample", "crop_refinement", "shift_px")}
-    assert theirs == replace(ours, **looks) != ours
+    picture_values = {key: getattr(of_fast, key) for key in ("downsample", "crop_refinement", "shift_px")}
+    assert theirs == replace(ours, **picture_values) != ours
     assert (unrefined.pictures, unrefined.training) == (fast.pictures, robust.training)
 
 
@@ -112,7 +114,7 @@ def test_robustness_sweeps_over_every_choice_of_variation_for_policies_of_both_k
     values = composed("experiment=robustness")
     swept = values["hydra"]["sweeper"]["params"]
     assert list(values["task"]) == ["lift_barrier", "two_robots_stack_cube"]
-    assert values["out"] == composed("experiment=benchmark")["out"]  # whose policies are those of `none`
+    assert values["out"] == composed("experiment=benchmark")["out"]  # its policies are those of `none`
     jobs = BasicSweeper.split_arguments(
         OverridesParser.create(config_loader()).parse_overrides([f"{key}={of}" for key, of in swept.items()]),
         None,
@@ -126,14 +128,14 @@ def test_robustness_sweeps_over_every_choice_of_variation_for_policies_of_both_k
 
 
 @pytest.mark.slow
-def test_a_recipe_chooses_its_scenes_and_the_command_line_others() -> None:
-    for asked, found in (((), "full"), (("variation=light",), "light")):
-        values = composed("policy=robust", *asked)
-        assert (values["variation"]["name"], values["evaluated"]["name"]) == (found, found)
+def test_a_recipe_sets_its_variation_and_the_command_line_overrides_it() -> None:
+    for overrides, expected in (((), "full"), (("variation=light",), "light")):
+        values = composed("policy=robust", *overrides)
+        assert (values["variation"]["name"], values["evaluated"]["name"]) == (expected, expected)
     assert composed("policy=robust", "variation@evaluated=none")["evaluated"]["name"] == "none"
     assert composed("policy=fast")["variation"]["name"] == "none"
 
 
 def config_loader() -> ConfigLoaderImpl:
-    """What Hydra asks which choices there are."""
+    """Hydra's loader, which finds the choices of each group."""
     return ConfigLoaderImpl(create_config_search_path(str(CONF)))

@@ -1,4 +1,4 @@
-"""Rows of policies go into results/ a training seed at a time, whole, never beside what they are unlike."""
+"""Publishing rows of policies: whole training seeds, never beside rows of another configuration."""
 
 import json
 import runpy
@@ -28,7 +28,7 @@ SCENES = 4
 
 
 def measured(out: Path, seed: int, wins: int, *, scenes: int = SCENES, steps: int = 100) -> None:
-    """A training seed with so many successes, evaluated for at most `steps`."""
+    """Writes rows of a training seed with `wins` successes, evaluated for at most `steps`."""
     for row in evaluation(
         "lift_barrier", "separate_local", 50, wins, scenes - wins, train_seed=seed, recipe="fast"
     ):
@@ -51,7 +51,7 @@ def won(results: Path) -> dict[int, int]:
     return {r.train_seed: sum(row.success for row in rows if row.train_seed == r.train_seed) for r in rows}
 
 
-def test_training_seeds_come_beside_those_that_are_there_and_take_the_place_of_the_same(
+def test_training_seeds_are_added_and_replace_the_same_seeds(
     tmp_path: Path,
 ) -> None:
     first, later, results = tmp_path / "first", tmp_path / "later", tmp_path / "results"
@@ -66,7 +66,7 @@ def test_training_seeds_come_beside_those_that_are_there_and_take_the_place_of_t
     assert published(results).made == {0: {"of": 1}, 1: {"of": 3}, 2: {"of": 4}}
 
 
-def test_what_was_evaluated_otherwise_goes(tmp_path: Path) -> None:
+def test_rows_of_another_configuration_are_dropped(tmp_path: Path) -> None:
     results = tmp_path / "results"
     measured(tmp_path / "first", 0, 1)
     measured(tmp_path / "later", 1, 2, steps=120)
@@ -76,7 +76,7 @@ def test_what_was_evaluated_otherwise_goes(tmp_path: Path) -> None:
     assert published(results).made == {1: {"of": 2}} and published(results).asked == {"step_limit": 120}
 
 
-def test_rows_of_which_nobody_knows_what_they_were_made_of_go(tmp_path: Path) -> None:
+def test_rows_without_a_configuration_are_dropped(tmp_path: Path) -> None:
     results = tmp_path / "results"
     measured(tmp_path / "first", 0, 1)
     publish(tmp_path / "first", results)
@@ -86,7 +86,9 @@ def test_rows_of_which_nobody_knows_what_they_were_made_of_go(tmp_path: Path) ->
     assert won(results) == {1: 2}
 
 
-def test_an_unfinished_seed_is_told_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unfinished_seed_is_reported_and_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     measured(tmp_path / "out", 0, 2)
     measured(tmp_path / "out", 1, 1, scenes=SCENES - 1)
     publish(tmp_path / "out", tmp_path / "results")
@@ -99,13 +101,13 @@ def test_an_unfinished_seed_is_told_and_left_out(tmp_path: Path, capsys: pytest.
 def test_curves_are_means_over_many_steps(tmp_path: Path) -> None:
     out = tmp_path / "out"
     measured(out, 0, 2)
-    learned = out / "policies" / "lift_barrier" / "full" / "separate_local" / "fast-50-0" / "agent1"
-    learned.mkdir(parents=True)
+    folder = out / "policies" / "lift_barrier" / "full" / "separate_local" / "fast-50-0" / "agent1"
+    folder.mkdir(parents=True)
     steps = [f"{step},{step / 20:g},{step / 10:g}" for step in range(20, 281, 20)]
-    (learned / "curves.csv").write_text("\n".join(["step,loss,core_s", *steps]))
+    (folder / "curves.csv").write_text("\n".join(["step,loss,core_s", *steps]))
     publish(out, tmp_path / "results")
-    learned_by = {"step": [200, 280], "loss": [5.5, 12.5], "core_s": [20, 28]}
-    assert published(tmp_path / "results").curves == {0: {"agent1": learned_by}}
+    averaged = {"step": [200, 280], "loss": [5.5, 12.5], "core_s": [20, 28]}
+    assert published(tmp_path / "results").curves == {0: {"agent1": averaged}}
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The report: one file, no network, no script, everything found in the output folder on it."""
+"""The report: one file, without network and scripts, that shows everything in the output folder."""
 
 import re
 import shutil
@@ -24,7 +24,7 @@ VOID = {"meta", "img", "br", "hr", "link", "input"}
 
 
 class Balance(HTMLParser):
-    """Fails on tags that are not closed in order."""
+    """Parser that fails on tags that are not closed in order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -41,7 +41,7 @@ class Balance(HTMLParser):
 
 
 @pytest.mark.slow
-def test_the_report_stands_alone(out: Path) -> None:
+def test_the_report_is_self_contained(out: Path) -> None:
     path = write_report(out)
     assert path == out / "report.html"
     text = path.read_text("utf-8")
@@ -57,7 +57,7 @@ def test_the_report_stands_alone(out: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no browser to measure with")
 def test_the_widest_table_fits_1400_pixels(out: Path) -> None:
-    """Every field of the table of tasks measured, for each of the paper's numbers of demonstrations."""
+    """With every field of the table of tasks measured, for each of the paper's numbers of demonstrations."""
     for task in paper().levels:
         for row in generation(task, "full", 16, 4, loose=3, violations=(0, 1, 3), first=1000, steps=1000):
             append_row(out / f"results/generate/{task}/full.jsonl", row)
@@ -101,7 +101,7 @@ def test_the_summary_of_rollouts_alone_says_nothing_of_generation(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_attempts_that_failed_alike_are_counted_together_whatever_their_numbers(out: Path) -> None:
+def test_failures_of_one_kind_are_counted_together_whatever_their_numbers(out: Path) -> None:
     for row in generation("new_task", "logical", 1, 3, violations=(2,)):
         append_row(out / "results/generate/new_task/logical.jsonl", row)
     text = write_report(out).read_text("utf-8")
@@ -131,7 +131,7 @@ def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_of_many_kinds_of_failure_the_most_common_are_told(tmp_path: Path) -> None:
+def test_of_many_kinds_of_failure_the_most_common_are_shown(tmp_path: Path) -> None:
     path = tmp_path / "results/evaluate/place_food/separate_local/full-50.jsonl"
     for place, row in enumerate(evaluation("place_food", "separate_local", 50, 0, 40)):
         kind = "a" * (place + 1) if place < 35 else "upright"  # the common one comes last in the alphabet
@@ -167,7 +167,7 @@ def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> N
 
 
 @pytest.mark.slow
-def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
+def test_everything_in_the_output_folder_is_shown(out: Path) -> None:
     curves = out / "policies/lift_barrier/full/separate_local/150-0/curves.csv"
     curves.parent.mkdir(parents=True)
     curves.write_text("step,train_loss,learning_rate\n1,1.0,0.1\n2,0.5,\n3,0.25,0.1\n")
@@ -200,7 +200,7 @@ def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_odd_files_of_rows_are_told(out: Path) -> None:
+def test_unfinished_rows_are_reported(out: Path) -> None:
     with (out / "results/generate/lift_barrier/full.jsonl").open("a") as file:
         file.write('{"task')
     assert "full.jsonl, line 11: unfinished, left by a crash; not counted" in write_report(out).read_text()

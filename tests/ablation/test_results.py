@@ -1,4 +1,4 @@
-"""Published files of rows: a table under what is constant in it; what went into one comes out of it."""
+"""Published files of rows: a table below a header of constants; reading gives what was written."""
 
 import csv
 import json
@@ -50,28 +50,28 @@ POLICIES = Published(
     ],
     ids=lambda published: f"{len(published.rows)} rows",
 )
-def test_what_is_published_is_read(tmp_path: Path, published: Published) -> None:
+def test_published_rows_are_read_back(tmp_path: Path, published: Published) -> None:
     path = tmp_path / f"new/rows{PUBLISHED}"
     write_published(path, published)
     assert read_published(path, type(published.rows[0])) == published
     assert read_rows(path, type(published.rows[0])) == published.rows
 
 
-def test_what_is_constant_is_told_once_and_the_rest_is_a_table_for_anybody(tmp_path: Path) -> None:
+def test_constants_are_in_the_header_and_the_rest_is_a_plain_table(tmp_path: Path) -> None:
     path = tmp_path / f"rows{PUBLISHED}"
     write_published(path, POLICIES)
-    head = [line[2:].partition(": ") for line in path.read_text().splitlines() if line.startswith("# ")]
-    said = {name: json.loads(value) for name, _, value in head}
-    assert list(said) == ["rows", "constant", "asked", "made", "made.0", "made.3", "curves.3"]
-    assert said["made"] == {"data": {"seeds": [1, 2]}} and said["made.3"] == {"weights": "b"}
+    head_lines = [line[2:].partition(": ") for line in path.read_text().splitlines() if line.startswith("# ")]
+    header = {name: json.loads(value) for name, _, value in head_lines}
+    assert list(header) == ["rows", "constant", "asked", "made", "made.0", "made.3", "curves.3"]
+    assert header["made"] == {"data": {"seeds": [1, 2]}} and header["made.3"] == {"weights": "b"}
     lines = [line for line in path.read_text().splitlines() if not line.startswith("# ")]
     table = list(csv.DictReader(lines, delimiter="\t", quoting=csv.QUOTE_NONE))
-    assert {*table[0]} | {*said["constant"]} == {each.name for each in fields(EvaluationRow)}
+    assert {*table[0]} | {*header["constant"]} == {each.name for each in fields(EvaluationRow)}
     assert {*table[0]} == {"train_seed", "scene_seed", "success", "success_paper", "account"}
     for cells, row in zip(table, POLICIES.rows, strict=True):
         assert cells["success"] == str(int(row.success)) and cells["scene_seed"] == str(row.scene_seed)
         assert json.loads(cells["account"]).keys() == ({*()} if row.success else {"unmet"})
-        assert all(plain(row)[name] == value for name, value in said["constant"].items())
+        assert all(plain(row)[name] == value for name, value in header["constant"].items())
 
 
 @pytest.mark.parametrize(
@@ -104,14 +104,14 @@ def test_published_rows_of_another_schema_are_refused(tmp_path: Path) -> None:
         read_published(tmp_path / f"nothing{PUBLISHED}", EvaluationRow)
 
 
-def test_a_report_is_of_rows_of_both_forms(tmp_path: Path) -> None:
+def test_a_report_reads_rows_of_both_formats(tmp_path: Path) -> None:
     folder = tmp_path / "results/evaluate/lift_barrier/separate_local"
     write_published(folder / f"full-fast-50{PUBLISHED}", POLICIES)
     (folder / "full-fast-50.configuration.json").write_text("{}")
     assert load(tmp_path).evaluation == POLICIES.rows
 
 
-def test_shielded_rows_are_of_the_policies_beside_them(tmp_path: Path) -> None:
+def test_shielded_rows_must_be_of_the_policies_beside_them(tmp_path: Path) -> None:
     folder = tmp_path / "results/evaluate/lift_barrier/separate_local"
     shielded = replace(POLICIES, rows=tuple(replace(row, shield=True) for row in POLICIES.rows))
     write_published(folder / f"full-fast-50{PUBLISHED}", POLICIES)
@@ -126,7 +126,7 @@ def test_shielded_rows_are_of_the_policies_beside_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_published_tells_why_each_failure_is_one() -> None:
+def test_published_rows_have_a_reason_for_each_failure() -> None:
     failures = 0
     for path in sorted(RESULTS.rglob("*")):
         if path.is_dir():

@@ -1,4 +1,4 @@
-"""Which rollouts are filmed, how their files are called, and which failures are of one kind."""
+"""Rollouts: which are filmed, names of their files, kinds of failures, scores and descriptions."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_failures_that_differ_only_in_numbers_are_of_one_kind(account: Account, 
 
 
 def rows(*accounts: Account | None) -> list[EvaluationRow]:
-    """A row for each: None for a success."""
+    """A row for each account; None for a success."""
     return [
         replace(row, success=account is None, account=account or Account())
         for row, account in zip(evaluation("t", "a", 5, 0, len(accounts)), accounts, strict=True)
@@ -46,7 +46,7 @@ def test_failures_of_different_kinds_are_seen_first() -> None:
     assert seeds_to_film(found, 0) == ()
 
 
-def test_a_scene_that_was_never_begun_is_not_filmed() -> None:
+def test_a_scene_that_never_started_is_not_filmed() -> None:
     [row] = rows(Account(ended="no result after 3600 s"))
     assert seeds_to_film([replace(row, steps=0)], 2) == ()
 
@@ -60,12 +60,12 @@ def test_files_of_policies_that_were_trained_from_other_seeds_are_apart() -> Non
 
 
 def test_a_score_comes_from_the_account_and_is_unknown_where_nothing_was_judged() -> None:
-    """So rows that are older than the score have theirs, but for scenes that were ended from outside."""
+    """So older rows have a score too, except for scenes that were ended from outside."""
     partly = Account(closest=Closest(2, 3, 1.0, 0), touches=(Touch((1, 2), 0.1, 2),))
     ended = Account(ended="took longer than 3600 s")
     found = [row.score for row in rows(None, UP, UP_LATER, partly, Account(closest=NO_STEPS), ended)]
     assert found == [1.0, 0.0, 0.5, 0.5, 0.0, None]
-    assert all(row.score is not None for row in load(ROOT).evaluation)  # of all that is published
+    assert all(row.score is not None for row in load(ROOT).evaluation)  # all published rows
 
 
 @pytest.mark.parametrize(
@@ -81,10 +81,10 @@ def test_a_score_comes_from_the_account_and_is_unknown_where_nothing_was_judged(
 def test_a_recipe_names_the_variation_that_was_learned_on(recipe: str, learned_on: str) -> None:
     (row,) = evaluation("t", "separate_local", 5, 1, 0, recipe=recipe)
     assert row.learned_on == learned_on
-    assert replace(row, arch="foreign").learned_on == "none"  # others call their policies as they like
+    assert replace(row, arch="foreign").learned_on == "none"  # names of foreign policies are free
 
 
-def test_words_say_where_policies_acted_where_that_varies() -> None:
+def test_the_description_names_the_variation_of_scenes() -> None:
     (usual,) = evaluation("t", "separate_local", 5, 1, 0, recipe="fast", shield=True)
     assert learnt_from(usual) == "full, 5 demonstrations, recipe fast, shielded"
     assert learnt_from(replace(usual, variation="light")) == f"{learnt_from(usual)}, in scenes of light"

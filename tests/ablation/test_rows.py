@@ -37,19 +37,19 @@ OLD = (
 )
 
 
-def test_a_success_in_which_arms_touched_is_none() -> None:
+def test_a_success_with_contact_between_arms_is_refused() -> None:
     assert replace(EVALUATION, success=True, contacts=0).success
     with pytest.raises(ArgumentError, match="contacts of an EvaluationRow is 1 and success is true"):
         replace(EVALUATION, success=True)
 
 
 def sealed(**changes: object) -> str:
-    """A line with other values and the checksum that fits them, as the docstring of the module says."""
+    """A line with other values and a matching checksum, as the docstring of the module says."""
     return signed({**plain(GENERATION), "reason": "", **changes})
 
 
 def signed(values: Mapping[str, object]) -> str:
-    """A line with these keys and the checksum that fits them."""
+    """A line with these keys and a matching checksum."""
     canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
     return json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"})
 
@@ -70,7 +70,7 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
     assert [line["reason"] for line in written] == [row.reason] * 2
 
 
-def test_the_fields_are_the_contract() -> None:
+def test_the_fields_are_fixed() -> None:
     assert " ".join(asdict(GENERATION)) == (
         "task constraints brain seed success success_paper steps attempts wall_s version "
         "violations contacts generator commit schema disturbance_rad delay_s account variation drawn dialogue"
@@ -82,7 +82,7 @@ def test_the_fields_are_the_contract() -> None:
     )
 
 
-def test_a_row_of_this_schema_tells_of_the_shield(tmp_path: Path) -> None:
+def test_a_row_without_the_shield_is_refused(tmp_path: Path) -> None:
     values = {k: v for k, v in asdict(EVALUATION).items() if k != "shield"}
     (tmp_path / "rows.jsonl").write_text(
         json.dumps({**values, "reason": "", "crc32": "0"}, default=plain) + "\n"
@@ -92,7 +92,9 @@ def test_a_row_of_this_schema_tells_of_the_shield(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("row", [GENERATION, EVALUATION])
-def test_rows_of_other_scenes_are_other_rows(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
+def test_rows_of_scenes_with_variation_have_another_identity(
+    tmp_path: Path, row: GenerationRow | EvaluationRow
+) -> None:
     drawn = replace(row, variation="full", drawn={"table_height_m": 0.01})
     append_row(tmp_path / "rows.jsonl", row)
     append_row(tmp_path / "rows.jsonl", drawn)
@@ -178,7 +180,7 @@ def test_a_whole_line_without_its_end_counts(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
-    """In any line, also where a line end is hit: no row changes or vanishes in silence."""
+    """In any line, and in line ends: no row changes or vanishes silently."""
     path = path_of(tmp_path)
     for seed in range(3):
         append_row(path, replace(GENERATION, seed=seed, success=False, account=failed(seed, 1)))
@@ -195,12 +197,12 @@ def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
             read_rows(path, GenerationRow)
         with pytest.raises(StageError, match=rf"full\.jsonl, line {line}: "):
             load(tmp_path)
-        append_row(path, GENERATION)  # mends what a crash leaves, and only that
+        append_row(path, GENERATION)  # repairs only what a crash leaves
         assert path.read_bytes().startswith(flipped)
 
 
-def test_text_of_a_model_survives(tmp_path: Path) -> None:
-    """Half a surrogate pair is no text that UTF-8 knows, and a language model can send it."""
+def test_any_text_of_a_model_is_stored(tmp_path: Path) -> None:
+    """Half a surrogate pair has no encoding in UTF-8, and a language model can send it."""
     row = replace(GENERATION, success=False, account=Account(ended='caf\u00e9 \ud83d "}\n'))
     append_row(tmp_path / "rows.jsonl", row)
     assert read_rows(tmp_path / "rows.jsonl", GenerationRow) == (row,)
@@ -223,7 +225,7 @@ def test_concurrent_writers_lose_nothing(tmp_path: Path) -> None:
     assert sorted(seeds) == sorted(1000 * worker + seed for worker in range(4) for seed in range(40))
 
 
-def test_no_room_for_a_row(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     path = path_of(tmp_path)
     append_row(path, GENERATION)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -262,7 +264,7 @@ def test_load_gathers_every_file_and_counts_an_attempt_once(tmp_path: Path) -> N
     assert load(tmp_path / "nowhere").generation == ()
 
 
-def test_newest_version_wins_and_the_rest_is_named() -> None:
+def test_the_newest_version_is_kept_and_the_others_are_named() -> None:
     rows = [replace(GENERATION, version=version) for version in ("2", "10", "2", "1.9")]
     kept, note = newest(rows)
     assert kept == (rows[1],)

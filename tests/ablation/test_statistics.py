@@ -43,7 +43,7 @@ def test_difference_gives_the_published_intervals(
 
 
 def pairs(both: int, first: int, second: int, neither: int) -> list[tuple[bool, bool]]:
-    """A table of two by two, pair by pair."""
+    """The pairs of a two-by-two table."""
     one, other = [(True, False)] * first, [(False, True)] * second
     return [(True, True)] * both + one + other + [(False, False)] * neither
 
@@ -64,7 +64,7 @@ def test_paired_gives_the_published_interval_and_p(
     assert found.p == pytest.approx(p, abs=5e-5)
 
 
-def test_where_all_pairs_agree_nothing_is_found() -> None:
+def test_pairs_that_all_agree_show_no_difference() -> None:
     for table in ((10, 0, 0, 0), (0, 0, 0, 10), (6, 0, 0, 4)):
         found = paired(pairs(*table))
         assert (found.estimate.value, found.p, found.estimate.n) == (0.0, 1.0, 10)
@@ -72,7 +72,7 @@ def test_where_all_pairs_agree_nothing_is_found() -> None:
 
 
 @given(st.tuples(*[st.integers(0, 60)] * 4).filter(any))
-def test_paired_stays_inside_and_around_and_turns_with_its_sides(table: tuple[int, int, int, int]) -> None:
+def test_paired_intervals_hold_the_estimate_and_swap_with_the_sides(table: tuple[int, int, int, int]) -> None:
     one = paired(pairs(*table))
     other = paired([(b, a) for a, b in pairs(*table)])
     assert -1.0 - 1e-9 <= one.estimate.low <= one.estimate.value <= one.estimate.high <= 1.0 + 1e-9
@@ -93,12 +93,12 @@ def test_mean_gives_students_own_interval() -> None:
     assert estimate.interval == pytest.approx((0.7001142, 2.4598858), abs=1e-6)
 
 
-def test_one_value_says_nothing_about_its_spread() -> None:
+def test_one_value_has_an_unbounded_interval() -> None:
     assert mean([80.0]) == Estimate(80.0, float("-inf"), float("inf"), 1)
 
 
 @given(st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_wilson_stays_inside_and_around(case: tuple[int, int]) -> None:
+def test_wilson_intervals_hold_the_estimate_within_0_and_1(case: tuple[int, int]) -> None:
     estimate = wilson(*case)
     assert 0.0 <= estimate.low <= estimate.value <= estimate.high <= 1.0
     mirrored = wilson(case[1] - case[0], case[1])
@@ -106,12 +106,12 @@ def test_wilson_stays_inside_and_around(case: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize(("successes", "n"), [(1, 0), (3, 2), (-1, 5)])
-def test_wilson_refuses_what_is_no_rate(successes: int, n: int) -> None:
+def test_wilson_refuses_invalid_rates(successes: int, n: int) -> None:
     with pytest.raises(ArgumentError, match=rf"{successes} successes in {n} trials; expected 0 <= successes"):
         wilson(successes, n)
 
 
-def test_mean_refuses_nothing() -> None:
+def test_mean_refuses_an_empty_sample() -> None:
     with pytest.raises(ArgumentError, match="empty sample; expected at least one value"):
         mean([])
 

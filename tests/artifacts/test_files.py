@@ -1,4 +1,4 @@
-"""Files that are there as a whole or not at all, and drafts that do not outlive their process."""
+"""Atomic writes: a file is complete or absent, and drafts of ended processes are removed."""
 
 import os
 import signal
@@ -39,7 +39,7 @@ def drafts(folder: Path) -> list[Path]:
     return list(folder.glob(".*"))
 
 
-def test_a_file_appears_when_it_is_finished(tmp_path: Path) -> None:
+def test_a_file_appears_once_it_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "new/folder/model.bin"
     with atomic_path(path) as draft:
         draft.write_text("whole")
@@ -48,7 +48,7 @@ def test_a_file_appears_when_it_is_finished(tmp_path: Path) -> None:
     assert os.listdir(path.parent) == ["model.bin"]
 
 
-def test_what_was_there_stays_when_writing_fails(tmp_path: Path) -> None:
+def test_the_old_file_is_kept_if_writing_fails(tmp_path: Path) -> None:
     path = tmp_path / "model.bin"
     path.write_text("before")
     with pytest.raises(RuntimeError), atomic_path(path) as draft:
@@ -65,32 +65,30 @@ def test_a_folder_can_be_written_too(tmp_path: Path) -> None:
     assert (tmp_path / "store/one").read_text() == "1"
 
 
-def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer) -> None:
+def test_only_drafts_of_ended_processes_are_removed(tmp_path: Path, writer) -> None:
     remove_stale_drafts(tmp_path)
     (draft,) = drafts(tmp_path)
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     assert drafts(tmp_path) == [draft]
-    somebody_s = tmp_path / ".download.of-another-program.partial"
-    somebody_s.mkdir()
+    foreign_draft = tmp_path / ".download.of-another-program.partial"
+    foreign_draft.mkdir()
     remove_stale_drafts(tmp_path)
-    assert drafts(tmp_path) == [somebody_s]
+    assert drafts(tmp_path) == [foreign_draft]
 
 
-def test_whoever_writes_next_removes_what_the_dead_have_left_under_another_name(
-    tmp_path: Path, writer
-) -> None:
+def test_writing_another_file_removes_drafts_of_ended_processes(tmp_path: Path, writer) -> None:
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     write_json(tmp_path / "another.json", {})
     assert not drafts(tmp_path)
 
 
-def test_the_next_writer_cleans_up_and_does_not_disturb(tmp_path: Path, writer) -> None:
+def test_the_next_writer_removes_only_drafts_of_ended_processes(tmp_path: Path, writer) -> None:
     with atomic_path(tmp_path / "model.bin") as draft:
         draft.write_text("whole")
     assert (tmp_path / "model.bin").read_text() == "whole"
-    assert len(drafts(tmp_path)) == 1  # of the process that lives
+    assert len(drafts(tmp_path)) == 1  # of the running process
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     with atomic_path(tmp_path / "model.bin") as draft:
@@ -98,7 +96,7 @@ def test_the_next_writer_cleans_up_and_does_not_disturb(tmp_path: Path, writer) 
     assert not drafts(tmp_path)
 
 
-def test_json_comes_back(tmp_path: Path) -> None:
+def test_json_is_read_as_written(tmp_path: Path) -> None:
     write_json(tmp_path / "a.json", {"x": [1, 2.5, None]})
     assert read_json(tmp_path / "a.json", "") == {"x": [1, 2.5, None]}
 

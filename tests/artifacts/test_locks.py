@@ -1,4 +1,4 @@
-"""Locks that processes hold: who waits says so, and for whom; the lock ends with its process."""
+"""Locks of processes: a waiting process names the holder, and a lock ends with its process."""
 
 import os
 import re
@@ -36,38 +36,38 @@ def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.slow
-def test_who_waits_for_a_lock_says_so_and_for_whom(holder, tmp_path: Path, capsys) -> None:
-    said: list[str] = []
+def test_waiting_for_a_lock_prints_its_holder(holder, tmp_path: Path, capsys) -> None:
+    events: list[str] = []
 
     def wait() -> None:
         with artifact_lock(tmp_path / "artifact"):
-            said.append("made")
+            events.append("made")
 
-    waiting = threading.Thread(target=wait)
-    waiting.start()
-    waiting.join(2.0)
-    assert waiting.is_alive() and not said
+    thread = threading.Thread(target=wait)
+    thread.start()
+    thread.join(2.0)
+    assert thread.is_alive() and not events
     holder.kill()  # the lock ends with its process
-    waiting.join(30.0)
-    assert said == ["made"]
-    words = capsys.readouterr().out
-    assert f"waiting for {tmp_path / 'artifact'}: process {holder.pid} on {socket.gethostname()}" in words
-    assert re.search(r"has been at work on it since \d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", words)
+    thread.join(30.0)
+    assert events == ["made"]
+    output = capsys.readouterr().out
+    assert f"waiting for {tmp_path / 'artifact'}: process {holder.pid} on {socket.gethostname()}" in output
+    assert re.search(r"has been at work on it since \d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", output)
 
 
-def test_who_does_not_wait_says_nothing_and_writes_its_name(tmp_path: Path, capsys) -> None:
+def test_taking_a_free_lock_prints_nothing_and_records_the_process(tmp_path: Path, capsys) -> None:
     for _ in range(2):
         with artifact_lock(tmp_path / "artifact"):
             assert f'"pid": {os.getpid()}' in (tmp_path / ".artifact.lock").read_text()
     assert capsys.readouterr().out == ""
 
 
-def test_a_folder_is_held_by_one_at_a_time(tmp_path: Path) -> None:
-    held = lock_folder(tmp_path)
-    assert held is not None and lock_folder(tmp_path) is None
-    os.close(held)
-    again = lock_folder(tmp_path)
-    assert again is not None
-    os.close(again)
+def test_a_folder_has_one_lock_at_a_time(tmp_path: Path) -> None:
+    lock = lock_folder(tmp_path)
+    assert lock is not None and lock_folder(tmp_path) is None
+    os.close(lock)
+    second_lock = lock_folder(tmp_path)
+    assert second_lock is not None
+    os.close(second_lock)
     with pytest.raises(FileNotFoundError):
         lock_folder(tmp_path / "nothing")

@@ -1,4 +1,4 @@
-"""Pages from templates: escaped in HTML and in Markdown, unless it is markup, and complete."""
+"""Pages from templates: values are escaped in HTML and Markdown unless they are markup, and complete."""
 
 from pathlib import Path
 
@@ -10,15 +10,15 @@ from rf_exp.texts.markdown import Markdown
 
 
 @pytest.mark.parametrize(
-    ("suffix", "said"), [("html", "<p>&lt;b&gt; &amp;</p>\n"), ("md", "<p>&lt;b> &</p>\n")]
+    ("suffix", "expected"), [("html", "<p>&lt;b&gt; &amp;</p>\n"), ("md", "<p>&lt;b> &</p>\n")]
 )
-def test_what_values_hold_is_escaped_in_html_and_markdown(tmp_path: Path, suffix: str, said: str) -> None:
+def test_values_are_escaped_in_html_and_markdown(tmp_path: Path, suffix: str, expected: str) -> None:
     template = tmp_path / f"page.{suffix}"
     template.write_text("<p>{{ text }}</p>\n")
-    assert render_template(template, text="<b> &") == said
+    assert render_template(template, text="<b> &") == expected
 
 
-def test_what_is_markdown_already_stays_as_it_is(tmp_path: Path) -> None:
+def test_markdown_values_are_not_escaped(tmp_path: Path) -> None:
     template = tmp_path / "page.md"
     template.write_text("{{ made }} {{ said }} {{ 3 }}")
     assert (
@@ -27,7 +27,7 @@ def test_what_is_markdown_already_stays_as_it_is(tmp_path: Path) -> None:
     )
 
 
-def test_a_picture_in_a_page_is_whole(tmp_path: Path) -> None:
+def test_a_picture_in_a_page_is_complete(tmp_path: Path) -> None:
     template = tmp_path / "page.html"
     template.write_text('<img src="{{ picture }}">')
     picture = f"data:image/jpeg;base64,{'abcd' * 10**6}"
@@ -35,7 +35,7 @@ def test_a_picture_in_a_page_is_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["html", "md"])
-def test_what_has_no_shape_is_on_no_page(tmp_path: Path, suffix: str) -> None:
+def test_unprintable_characters_are_replaced(tmp_path: Path, suffix: str) -> None:
     template = tmp_path / f"page.{suffix}"
     template.write_text("{{ text }}")
     assert (
@@ -44,7 +44,7 @@ def test_what_has_no_shape_is_on_no_page(tmp_path: Path, suffix: str) -> None:
     )
 
 
-def test_a_template_includes_others_beside_it(tmp_path: Path) -> None:
+def test_a_template_may_include_files_beside_it(tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text('{% include "style.css" %}')
     (tmp_path / "style.css").write_text("b { color: red }\n")
     assert render_template(tmp_path / "page.html") == "b { color: red }\n"

@@ -1,4 +1,4 @@
-"""Which code made it: the commit of a checkout, marked where files were changed since."""
+"""Provenance of code: the commit of a checkout, marked if files were changed."""
 
 import json
 import shutil
@@ -26,14 +26,14 @@ def test_the_commit_of_a_checkout(checkout: Path, monkeypatch: pytest.MonkeyPatc
     head = subprocess.run(
         ["git", "-C", str(checkout), "rev-parse", "HEAD"], check=True, capture_output=True, text=True
     ).stdout.strip()
-    monkeypatch.setenv("GIT_DIR", "/nowhere")  # as within a hook
+    monkeypatch.setenv("GIT_DIR", "/nowhere")  # as in a git hook
     assert commit.__wrapped__(checkout) == head[:12]
     (checkout / "code.py").write_text("2\n")
     assert commit.__wrapped__(checkout) == head[:12] + "+"
 
 
 def test_no_commit_outside_of_a_checkout(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither in a folder of somebody else's checkout, nor where there is no git."""
+    """Neither for an untracked folder inside another checkout, nor without git."""
     (checkout / "site-packages").mkdir()
     assert commit.__wrapped__(checkout / "site-packages") == ""
     monkeypatch.setenv("PATH", "")
@@ -47,11 +47,11 @@ def test_code_is_named_by_its_commit_or_its_version(checkout: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_store_that_an_installed_package_makes_names_its_version(tmp_path: Path) -> None:
+def test_a_store_of_an_installed_package_names_its_version(tmp_path: Path) -> None:
     shutil.copytree(
         Path(rf_exp.__file__).parent, tmp_path / "rf_exp", ignore=shutil.ignore_patterns("__pycache__")
     )
-    make = "from rf_exp.store import Store; Store.create('s.zarr', {'task': 'lift_barrier'}, 1, (), 0, 0)"
-    subprocess.run([sys.executable, "-c", make], cwd=tmp_path, check=True)
-    said = json.loads((tmp_path / "s.zarr/zarr.json").read_text())["attributes"]
-    assert said["commit"] == f"rf_exp-{metadata.version('rf_exp')}"
+    script = "from rf_exp.store import Store; Store.create('s.zarr', {'task': 'lift_barrier'}, 1, (), 0, 0)"
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
+    attributes = json.loads((tmp_path / "s.zarr/zarr.json").read_text())["attributes"]
+    assert attributes["commit"] == f"rf_exp-{metadata.version('rf_exp')}"

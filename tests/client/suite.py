@@ -1,4 +1,4 @@
-"""Writes what the client knows of the suite, from its configuration: python -m tests.client.suite"""
+"""Writes the client's description of the suite from its configuration: python -m tests.client.suite"""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ FILE = Path(__file__).parents[2] / "rf_exp/client/suite.json"
 
 
 def suite() -> dict[str, Any]:
-    """Rest and limits of the Panda, how far a joint goes in a control step, and every task of conf/task."""
+    """Rest posture and limits of the Panda, the largest motion of a joint per control step, and all tasks."""
     tasks = {name: read_task(name) for name in TASKS}
     return {
         "rest_rad": [round(angle, 4) for angle in DEFAULT.rest_rad],
@@ -27,9 +27,9 @@ def suite() -> dict[str, Any]:
     }
 
 
-def written() -> str:
+def suite_json() -> str:
     return json.dumps(suite(), indent=1) + "\n"
 
 
 if __name__ == "__main__":
-    FILE.write_text(written(), "utf-8")
+    FILE.write_text(suite_json(), "utf-8")

@@ -1,4 +1,4 @@
-"""Teams of arms, scenes and rest-to-rest trajectories for the tests of the constraints."""
+"""Teams of arms, scenes and rest-to-rest trajectories for tests of constraints."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,20 +16,21 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, 
 CONF = Path(__file__).parents[2] / "conf" / "task"
 BASES = ((0.0, -0.5, 90.0), (0.0, 0.5, -90.0), (0.6, 0.0, 180.0), (-0.6, 0.0, 0.0))
 REST = np.array(DEFAULT.rest_rad)
-# With the tool 0.3 m above the middle of the table of two facing arms: clear of one at rest, not of two.
+# TCP 0.3 m above the middle of the table between two facing arms: clear of the other arm at rest, but not
+# if both arms reach.
 REACHING = np.array([0.2, 0.34, -0.22, -1.69, 0.08, 2.02, 2.3])
 
 
 def team(count: int) -> Task:
-    """Arms round an empty table, near enough to hit each other."""
+    """A task with `count` arms round an empty table, near enough to collide."""
     cameras = {"global": CameraSpec(), **{f"agent{k + 1}": CameraSpec() for k in range(count)}}
     robots = tuple(RobotSpec(*base) for base in BASES[:count])
-    drawn = Randomisation(**default_of("randomisation"))
-    return Task("lift_barrier", "Team", "", "", robots, {}, cameras, {}, drawn)
+    randomisation = Randomisation(**default_of("randomisation"))
+    return Task("lift_barrier", "Team", "", "", robots, {}, cameras, {}, randomisation)
 
 
 def real(name: str) -> Task:
-    """A task as configured."""
+    """The task of conf/task."""
     return load_task(name, OmegaConf.to_container(OmegaConf.load(CONF / f"{name}.yaml"))[name])  # pyright: ignore
 
 
@@ -48,12 +49,12 @@ def scene_of(task: Task, seed: int = 0, **changes) -> Scene:
 
 
 def random_qpos(rng: np.random.Generator, count: int, spread_rad: float = 0.6) -> NDArray[np.float64]:
-    """(count, 7) poses of an arm that leans over the table."""
+    """Random joint positions (count, 7) of an arm that leans over the table."""
     return REST + rng.normal(0.0, spread_rad, (count, 7)) * np.array([1, 1, 0.5, 1, 0.5, 1, 1])
 
 
 def motion(start: NDArray[np.float64], goal: NDArray[np.float64], steps: int) -> NDArray[np.float64]:
-    """(steps, 7) from rest to rest; the start is not in it."""
+    """Rest-to-rest motion (steps, 7) without the start."""
     fraction = (1 - np.cos(np.pi * np.arange(1, steps + 1) / steps)) / 2
     return start + fraction[:, None] * (goal - start)
 
@@ -61,7 +62,7 @@ def motion(start: NDArray[np.float64], goal: NDArray[np.float64], steps: int) ->
 def walk(
     agent: int, keys: Sequence[NDArray[np.float64]], steps: int | Sequence[int] = 10, **segment
 ) -> Trajectory:
-    """A trajectory through joint keys (7,), one segment and one subgoal between two of them."""
+    """A trajectory through joint positions (7,), with one segment and subgoal between each two."""
     counts = [steps] * (len(keys) - 1) if isinstance(steps, int) else steps
     segments = tuple(
         Segment(
@@ -82,7 +83,7 @@ def idle(agent: int, qpos: NDArray[np.float64] = REST) -> Trajectory:
 
 
 class Hand:
-    """Plans for one agent with straight lines of its TCP: what a planner would hand in, no more."""
+    """Builder of trajectories of one agent from straight lines of its TCP, without checks."""
 
     def __init__(self, task: Task, scene: Scene, agent: int) -> None:
         self.task, self.scene, self.agent = task, scene, agent
@@ -96,7 +97,7 @@ class Hand:
     def to(
         self, goal: Matrix, steps: int, subgoal: Subgoal, primitive: str, touches=(), joined=None
     ) -> "Hand":
-        """The TCP goes straight to a pose."""
+        """Adds a straight motion of the TCP to a pose."""
         start = self.arm.tcp(self.qpos)
         joints = []
         for fraction in (1 - np.cos(np.pi * np.arange(1, steps + 1) / steps)) / 2:
@@ -111,7 +112,7 @@ class Hand:
         return self._add(np.tile(self.qpos, (8, 1)), subgoal, primitive, touches, None)
 
     def grasp(self, name: str, point: str, *, shift_m=(0.0, 0.0, 0.0), steps: int = 20) -> "Hand":
-        """Over the object, down to its point (off by `shift_m`), fingers closed."""
+        """Adds a grasp: above the object, down to its point shifted by `shift_m`, closing the fingers."""
         goal = self.goal(name, point)
         goal[:3, 3] += shift_m
         subgoal = Subgoal(self.agent, "grasp", name, point)
@@ -133,11 +134,11 @@ class Hand:
         return self.to(goal, steps, subgoal, "lift", {self.held[0], *touches}, joined)
 
     def goal(self, name: str, point: str) -> Matrix:
-        """World pose of the TCP at an interaction point; the half turn that this arm reaches more easily."""
+        """World pose of the TCP at an interaction point; the nearer of two orientations half a turn apart."""
         pose = self.scene.poses[name] @ self.task.asset(name).points[point].object_from_tcp
         turned = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
-        now = self.arm.tcp(self.qpos)
-        return max(pose, turned, key=lambda each: float(np.trace(each[:3, :3].T @ now[:3, :3])))
+        current = self.arm.tcp(self.qpos)
+        return max(pose, turned, key=lambda each: float(np.trace(each[:3, :3].T @ current[:3, :3])))
 
     @property
     def trajectory(self) -> Trajectory:
@@ -156,6 +157,6 @@ class Hand:
 
 
 def arms(task: Task, rng: np.random.Generator, positions: int):
-    """Two swept arms along random joint paths."""
+    """Swept bodies of two arms along random joint paths."""
     planning_scene = PlanningScene(task, scene_of(task))
     return tuple(planning_scene.arm(agent, random_qpos(rng, positions)) for agent in (1, 2))

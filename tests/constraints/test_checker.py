@@ -1,4 +1,4 @@
-"""RoboChecker from sentences to verdicts: rows, schedules, certificates and the monitor."""
+"""RoboChecker from sentences to verdicts: rows, schedules, certificates and monitor."""
 
 import json
 from dataclasses import replace
@@ -34,23 +34,23 @@ SPATIAL = ConstraintSet("logical_spatial", temporal=False)
 
 @pytest.fixture(scope="module")
 def food():
-    """Agent 2 lifts the lid; agent 1 fetches the steak and holds it over the pot."""
+    """Scene, trajectories and proposal: agent 2 lifts the lid; agent 1 grasps and lifts the steak."""
     scene = scene_of(FOOD)
-    cook = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
-    helper = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
-    trajectories = cook.trajectory, helper.trajectory
+    steak_arm = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
+    lid_arm = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
+    trajectories = steak_arm.trajectory, lid_arm.trajectory
     goals = tuple(dict.fromkeys(s.subgoal for t in trajectories for s in t.segments))
-    said = (
+    constraints = (
         ContactAt(2, "grasp", "lid", "knob"), Direction(1, "steak"),
         Before(Step(2, "lift", "lid"), Step(1, "lift", "steak")), AvoidAgents((1,)), AvoidObjects(1),
     )  # fmt: skip
-    return scene, trajectories, Proposal(goals, said)
+    return scene, trajectories, Proposal(goals, constraints)
 
 
 def scheduled(checker: RoboChecker, trajectories, scene) -> Schedule:
-    timed = checker.schedule(checker.paths(trajectories, scene))
-    assert isinstance(timed, Schedule), timed
-    return timed
+    schedule = checker.schedule(checker.paths(trajectories, scene))
+    assert isinstance(schedule, Schedule), schedule
+    return schedule
 
 
 def monitored(checker: RoboChecker, trajectories, scene) -> Monitor:
@@ -83,53 +83,53 @@ def test_check_code_prints_like_the_paper(food):
         (FULL, {"logical", "spatial", "temporal"}),
     ],
 )
-def test_a_row_switches_its_checks_on(food, row, kinds):
+def test_a_row_enables_its_checks(food, row, kinds):
     scene, trajectories, proposal = food
     checker = RoboChecker(FOOD, proposal, row)
     assert {check.kind for check in checker.checks} == kinds
-    timed = scheduled(checker, trajectories, scene)
-    assert checker.check(checker.paths(trajectories, scene), timed).violations == []
+    schedule = scheduled(checker, trajectories, scene)
+    assert checker.check(checker.paths(trajectories, scene), schedule).violations == []
     if not row.temporal:
-        assert len(timed) == sum(map(len, trajectories))
+        assert len(schedule) == sum(map(len, trajectories))
     else:
-        assert len(timed) < sum(map(len, trajectories))
+        assert len(schedule) < sum(map(len, trajectories))
 
 
-def test_clearance_is_checked_even_if_nobody_asked_for_it():
-    silent = RoboChecker(BAR, Proposal((), ()), FULL)
-    assert [repr(check) for check in silent.checks] == [
+def test_clearance_is_checked_without_a_constraint():
+    default = RoboChecker(BAR, Proposal((), ()), FULL)
+    assert [repr(check) for check in default.checks] == [
         "VSO([Agent_1, Agent_2])",
         "VSO([Agent_1, Agent_2], objects)",
     ]
     assert RoboChecker(BAR, Proposal((), ()), TEMPORAL).checks == ()
-    half = RoboChecker(BAR, Proposal((), (AvoidAgents((1,)), AvoidObjects(2))), FULL)
-    assert [repr(check) for check in half.checks] == [
+    partial = RoboChecker(BAR, Proposal((), (AvoidAgents((1,)), AvoidObjects(2))), FULL)
+    assert [repr(check) for check in partial.checks] == [
         "VSO(Agent_1)",
         "VSO(Agent_2, objects)",
         "VSO(Agent_1, objects)",
     ]
 
 
-def test_collisions_are_violations_only_where_space_counts():
+def test_collisions_are_violations_only_with_spatial_constraints():
     scene = scene_of(BAR)
     trajectories = walk(1, [REST, REACHING, REST], 20), walk(2, [REST, REACHING, REST], 20)
     proposal = Proposal((), ())
-    blind = RoboChecker(BAR, proposal, TEMPORAL)
-    at_once = scheduled(blind, trajectories, scene)
-    assert len(at_once) == 40 and blind.check(blind.paths(trajectories, scene), at_once).violations == []
-    seeing = RoboChecker(BAR, proposal, FULL)
-    (violation,) = seeing.check(seeing.paths(trajectories, scene), at_once).violations
+    unaware = RoboChecker(BAR, proposal, TEMPORAL)
+    at_once = scheduled(unaware, trajectories, scene)
+    assert len(at_once) == 40 and unaware.check(unaware.paths(trajectories, scene), at_once).violations == []
+    aware = RoboChecker(BAR, proposal, FULL)
+    (violation,) = aware.check(aware.paths(trajectories, scene), at_once).violations
     assert violation.check == "ValidateSpatialOccupancy" and violation.agents == (1, 2)
-    in_time = scheduled(seeing, trajectories, scene)
+    in_time = scheduled(aware, trajectories, scene)
     assert 40 < len(in_time) < 80
-    assert seeing.check(seeing.paths(trajectories, scene), in_time).violations == []
+    assert aware.check(aware.paths(trajectories, scene), in_time).violations == []
     turns = RoboChecker(BAR, proposal, SPATIAL)
-    timed = scheduled(turns, trajectories, scene)
-    assert len(timed) == 80
-    assert turns.check(turns.paths(trajectories, scene), timed).violations == []
+    schedule = scheduled(turns, trajectories, scene)
+    assert len(schedule) == 80
+    assert turns.check(turns.paths(trajectories, scene), schedule).violations == []
 
 
-def test_a_parked_arm_in_the_way_asks_for_another_path():
+def test_a_parked_arm_in_the_way_requires_another_path():
     scene = scene_of(BAR)
     qpos = scene.qpos.copy()
     qpos[1, :7] = REACHING
@@ -142,7 +142,7 @@ def test_a_parked_arm_in_the_way_asks_for_another_path():
     assert "needs another path" in answer.sentence
 
 
-def test_lockstep_names_what_must_be_one_motion():
+def test_lockstep_lists_the_joint_motions():
     goals = tuple(Subgoal(agent, "lift", "barrier") for agent in (1, 2))
     proposal = Proposal(goals, (Together((1, 2), "lift", "barrier", 0.1),))
     expected = {(frozenset({1, 2}), "lift", "barrier")}
@@ -154,32 +154,32 @@ def test_violations_come_earliest_first_with_evidence(food):
     scene, _, _ = food
     late = Hand(FOOD, scene, 1).grasp("steak", "center", shift_m=(0, 0, 0.05), steps=40).trajectory
     early = Hand(FOOD, scene, 2).grasp("lid", "knob", shift_m=(0, 0, 0.05)).trajectory
-    said = (ContactAt(1, "grasp", "steak", "center"), ContactAt(2, "grasp", "lid", "knob"))
-    checker = RoboChecker(FOOD, Proposal((), said), LOGICAL)
+    constraints = (ContactAt(1, "grasp", "steak", "center"), ContactAt(2, "grasp", "lid", "knob"))
+    checker = RoboChecker(FOOD, Proposal((), constraints), LOGICAL)
     together = RoboChecker(FOOD, Proposal((), ()), TEMPORAL)
-    timed = scheduled(together, (late, early), scene)
-    violations = checker.check(checker.paths((late, early), scene), timed).violations
+    schedule = scheduled(together, (late, early), scene)
+    violations = checker.check(checker.paths((late, early), scene), schedule).violations
     assert [v.agents for v in violations] == [(2,), (1,)]
     assert violations[0].check == "ValidateInteraction"
     assert violations[0].value == pytest.approx(0.05, abs=1e-3) and violations[0].bound == 0.01
 
 
-def test_text_that_is_not_understood():
-    said = (read_or_unparsed("Agent_1 must feel good.", FOOD.vocabulary, "logical", (1,)),)
+def test_unparsed_sentences_are_refused():
+    constraints = (read_or_unparsed("Agent_1 must feel good.", FOOD.vocabulary, "logical", (1,)),)
     with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
-        compile_constraints(said, BAR, Proposal((), said))
+        compile_constraints(constraints, BAR, Proposal((), constraints))
     with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
-        RoboChecker(BAR, Proposal((), said), FULL)
+        RoboChecker(BAR, Proposal((), constraints), FULL)
 
 
 def test_the_certificate_is_json_with_every_check(food):
     scene, trajectories, proposal = food
     checker = RoboChecker(FOOD, proposal, FULL)
-    timed = scheduled(checker, trajectories, scene)
-    checked = checker.check(checker.paths(trajectories, scene), timed)
+    schedule = scheduled(checker, trajectories, scene)
+    checked = checker.check(checker.paths(trajectories, scene), schedule)
     certificate = json.loads(json.dumps(checked.certificate()))
     assert certificate["row"] == "full"
-    assert certificate["makespan_s"] == pytest.approx(len(timed) / 20)
+    assert certificate["makespan_s"] == pytest.approx(len(schedule) / 20)
     assert certificate["makespan_bound_s"] <= certificate["makespan_s"]
     assert [entry["text"] for entry in certificate["checks"][:5]] == [
         c.sentence for c in proposal.constraints
@@ -193,20 +193,20 @@ def test_the_certificate_is_json_with_every_check(food):
 
 @pytest.fixture
 def running(food):
-    """A checker with a checked plan, and a function from control steps to undisturbed scenes."""
+    """Monitor of a checked plan, its schedule, and a function from control steps to undisturbed scenes."""
     scene, trajectories, proposal = food
     checker = RoboChecker(FOOD, proposal, FULL)
-    timed = scheduled(checker, trajectories, scene)
-    checked = checker.check(checker.paths(trajectories, scene), timed)
+    schedule = scheduled(checker, trajectories, scene)
+    checked = checker.check(checker.paths(trajectories, scene), schedule)
     assert checked.violations == []
     paths = [trajectory.path() for trajectory in trajectories]
 
     def at(step: int, lag: int = 2, **changes):
-        """The measured scene `step` control steps on: joints trail by `lag`, loads ride along."""
+        """The measured scene after `step` control steps; joints lag by `lag` steps, `held` is as planned."""
         qpos, poses, held = scene.qpos.copy(), dict(scene.poses), [None, None]
         for k, trajectory in enumerate(trajectories):
-            position = int(timed.positions[min(step, len(timed)), k])
-            trailing = int(timed.positions[np.clip(step - lag, 0, len(timed)), k])
+            position = int(schedule.positions[min(step, len(schedule)), k])
+            trailing = int(schedule.positions[np.clip(step - lag, 0, len(schedule)), k])
             qpos[k, :7] = paths[k][trailing, :7]
             begin = 0
             for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
@@ -215,38 +215,38 @@ def running(food):
                 begin = end
         return replace(scene, step=scene.step + step, qpos=qpos, poses=poses, held=tuple(held), **changes)
 
-    return checked.monitor(), timed, at
+    return checked.monitor(), schedule, at
 
 
 def test_an_undisturbed_run_has_no_violation(running):
-    monitor, timed, at = running
-    assert [v for step in range(len(timed) + 1) if (v := monitor(at(step))) is not None] == []
+    monitor, schedule, at = running
+    assert [v for step in range(len(schedule) + 1) if (v := monitor(at(step))) is not None] == []
 
 
-def test_a_lost_object_is_noticed_after_a_moment(running):
-    monitor, timed, at = running
-    seen = []
-    for step in range(len(timed) + 1):
+def test_a_lost_object_is_detected_after_some_steps(running):
+    monitor, schedule, at = running
+    results = []
+    for step in range(len(schedule) + 1):
         scene = at(step)
-        seen.append(monitor(replace(scene, held=(None, scene.held[1]))))
-    violations = [v for v in seen if v is not None]
+        results.append(monitor(replace(scene, held=(None, scene.held[1]))))
+    violations = [v for v in results if v is not None]
     first = violations[0]
     assert first.check == "ValidateInteraction" and first.agents == (1,)
     assert first.sentence == "Agent_1, to lift steak by 0.1 m (lift), no longer holds steak"
-    starts = next(step for step in range(len(timed)) if at(step).held[0] == "steak")
-    assert seen.index(first) == starts + LOST_STEPS - 1
+    starts = next(step for step in range(len(schedule)) if at(step).held[0] == "steak")
+    assert results.index(first) == starts + LOST_STEPS - 1
 
 
-def test_a_slip_of_one_step_is_forgiven(running):
-    monitor, timed, at = running
-    starts = next(step for step in range(len(timed)) if at(step).held[1] == "lid")
-    for step in range(starts, len(timed)):
+def test_a_loss_of_one_step_is_tolerated(running):
+    monitor, schedule, at = running
+    starts = next(step for step in range(len(schedule)) if at(step).held[1] == "lid")
+    for step in range(starts, len(schedule)):
         scene = at(step)
         slipped = step % 3 == 0
         assert monitor(replace(scene, held=(scene.held[0], None)) if slipped else scene) is None
 
 
-def test_an_arm_off_its_path_is_noticed(running):
+def test_an_arm_off_its_path_is_detected(running):
     monitor, _, at = running
     scene = at(10)
     qpos = scene.qpos.copy()
@@ -257,22 +257,22 @@ def test_an_arm_off_its_path_is_noticed(running):
     assert "rad off its path (allowed 0.15 rad): something is in its way" in violation.sentence
 
 
-def test_contact_between_arms_is_noticed_where_space_counts(running, food):
+def test_contact_between_arms_is_detected_with_spatial_constraints(running, food):
     monitor, _, at = running
     pushed = replace(at(10), arm_contacts=((1, 2, 12.0),))
     violation = monitor(pushed)
     assert violation is not None and violation.check == "ValidateSpatialOccupancy"
     assert violation.sentence == "Agent_1 and Agent_2 touch each other with 12 N"
     scene, trajectories, proposal = food
-    blind = RoboChecker(FOOD, proposal, TEMPORAL)
-    monitor = monitored(blind, trajectories, scene)
+    unaware = RoboChecker(FOOD, proposal, TEMPORAL)
+    monitor = monitored(unaware, trajectories, scene)
     assert monitor(replace(scene, arm_contacts=((1, 2, 12.0),))) is None
 
 
-def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
+def test_colliding_arms_stop_in_every_row(food):
     scene, trajectories, proposal = food
-    blind = RoboChecker(FOOD, proposal, LOGICAL)
-    monitor = monitored(blind, trajectories, scene)
+    unaware = RoboChecker(FOOD, proposal, LOGICAL)
+    monitor = monitored(unaware, trajectories, scene)
     violation = monitor(replace(scene, arm_contacts=((1, 2, DEFAULT.reflex_n + 1.0),)))
     assert violation is not None
     assert (violation.check, violation.agents, violation.bound) == ("Collision", (1, 2), DEFAULT.reflex_n)
@@ -282,10 +282,10 @@ def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
     )
 
 
-def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food):
+def test_an_arm_that_pushes_another_object_stops_in_every_row(food):
     scene, trajectories, proposal = food
-    blind = RoboChecker(FOOD, proposal, LOGICAL)
-    monitor = monitored(blind, trajectories, scene)
+    unaware = RoboChecker(FOOD, proposal, LOGICAL)
+    monitor = monitored(unaware, trajectories, scene)
     hard = np.array([0.0, 0.0, -DEFAULT.reflex_n - 1.0])
     assert monitor(replace(scene, finger_forces={(1, "steak"): hard, (2, "pot"): 0.9 * hard})) is None
     violation = monitor(replace(scene, finger_forces={(1, "steak"): 2 * hard, (2, "pot"): hard}))
@@ -296,16 +296,16 @@ def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food)
 
 
 def test_times_are_on_the_clock_of_the_episode():
-    """Of plans that begin at 2.0 s: what is planned, and what finds no schedule."""
+    """For plans that begin at 2.0 s: times of planned violations and of failed scheduling."""
     scene, late = scene_of(BAR), scene_of(BAR, step=40)
     trajectories = walk(1, [REST, REACHING, REST], 20), walk(2, [REST, REACHING, REST], 20)
     first = {}
     for now in (scene, late):
-        blind, seeing = (RoboChecker(BAR, Proposal((), ()), row) for row in (TEMPORAL, FULL))
-        checked = seeing.check(seeing.paths(trajectories, now), scheduled(blind, trajectories, now))
+        unaware, aware = (RoboChecker(BAR, Proposal((), ()), row) for row in (TEMPORAL, FULL))
+        checked = aware.check(aware.paths(trajectories, now), scheduled(unaware, trajectories, now))
         (near,) = checked.violations
-        stuck = (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20))
-        refused = seeing.schedule(seeing.paths(stuck, now))
+        blocked = (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20))
+        refused = aware.schedule(aware.paths(blocked, now))
         assert isinstance(refused, Violation) and refused.cause == "space" and refused.agents == (1, 2)
         first[now.step] = np.array([near.time_s, refused.time_s])
         assert checked.evidence[-1].time_s >= now.step / 20

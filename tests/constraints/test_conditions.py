@@ -1,4 +1,4 @@
-"""Constraints that hold only while something is so: zones that are closed for a time, phases of a lift."""
+"""Conditional constraints: zones that are closed for a time, and phases of a lift."""
 
 from dataclasses import replace
 
@@ -19,69 +19,67 @@ FULL = ConstraintSet("full")
 HALF_M = 0.03
 
 
-def zone_round(at) -> str:
+def zone_around(at) -> str:
     low, high = (tuple((np.round(at[:3, 3] + side, 3)).tolist()) for side in (-HALF_M, HALF_M))
     return f"zone {vector(low)} to {vector(high)}"
 
 
 @pytest.fixture(scope="module")
 def food() -> tuple[Scene, tuple[Trajectory, Trajectory], Proposal, str]:
-    """Agent 1 grasps the steak, agent 2 lifts the lid; and a zone round the steak."""
+    """Scene, trajectories, proposal and zone: agent 1 grasps the steak in the zone, agent 2 lifts the lid."""
     scene = scene_of(FOOD)
-    cook = Hand(FOOD, scene, 1).grasp("steak", "center")
-    helper = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
-    trajectories = cook.trajectory, helper.trajectory
+    steak_arm = Hand(FOOD, scene, 1).grasp("steak", "center")
+    lid_arm = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
+    trajectories = steak_arm.trajectory, lid_arm.trajectory
     goals = tuple(dict.fromkeys(s.subgoal for t in trajectories for s in t.segments))
-    return scene, trajectories, Proposal(goals, ()), zone_round(cook.arm.tcp(cook.qpos))
+    return scene, trajectories, Proposal(goals, ()), zone_around(steak_arm.arm.tcp(steak_arm.qpos))
 
 
 def checker(food, sentence: str) -> RoboChecker:
     _, _, proposal, zone = food
-    said = read(sentence.format(zone=zone), FOOD.vocabulary)
-    return RoboChecker(FOOD, replace(proposal, constraints=(said,)), FULL)
+    constraint = read(sentence.format(zone=zone), FOOD.vocabulary)
+    return RoboChecker(FOOD, replace(proposal, constraints=(constraint,)), FULL)
 
 
 def violations(checker: RoboChecker, trajectories, scene: Scene, timed: Schedule) -> list[Violation]:
     return checker.check(checker.paths(trajectories, scene), timed).violations
 
 
-def arrives(timed: Schedule, agent: int, trajectory: Trajectory) -> int:
-    """The control step at which an agent is at the end of its path."""
+def arrival_step(timed: Schedule, agent: int, trajectory: Trajectory) -> int:
+    """The control step at which an agent reaches the end of its path."""
     return int(np.argmax(timed.positions[:, agent - 1] == len(trajectory)))
 
 
 def test_a_zone_is_closed_until_another_agent_is_done(food) -> None:
-    """Timing keeps the agent out of it; a plan that goes on at once is refused."""
+    """Scheduling keeps the agent out of the zone; a schedule without waiting is refused."""
     scene, trajectories, _, _ = food
-    open_at_last = checker(food, "Agent_1 must stay out of {zone} until Agent_2 lifts lid.")
-    timed = open_at_last.schedule(open_at_last.paths(trajectories, scene))
-    assert isinstance(timed, Schedule) and not violations(open_at_last, trajectories, scene, timed)
-    assert arrives(timed, 1, trajectories[0]) > arrives(timed, 2, trajectories[1])
+    waiting = checker(food, "Agent_1 must stay out of {zone} until Agent_2 lifts lid.")
+    timed = waiting.schedule(waiting.paths(trajectories, scene))
+    assert isinstance(timed, Schedule) and not violations(waiting, trajectories, scene, timed)
+    assert arrival_step(timed, 1, trajectories[0]) > arrival_step(timed, 2, trajectories[1])
     hurried = schedule(trajectories)
     assert isinstance(hurried, Schedule)
-    late = timed.positions[:, :1], np.minimum(timed.positions[:, 1:], len(trajectories[1]) - 1)
-    (found,) = open_at_last.check(
-        open_at_last.paths(trajectories, scene), Schedule(np.hstack(late), 0)
-    ).violations
+    positions = timed.positions[:, :1], np.minimum(timed.positions[:, 1:], len(trajectories[1]) - 1)
+    (found,) = waiting.check(waiting.paths(trajectories, scene), Schedule(np.hstack(positions), 0)).violations
     assert found.cause == "space" and found.agents == (1,) and "enters the keep-out zone" in found.sentence
     closed = checker(food, "Agent_1 must stay out of {zone}.")
     assert isinstance(closed.schedule(closed.paths(trajectories, scene)), Schedule)
     assert violations(closed, trajectories, scene, timed)
 
 
-def test_a_zone_is_closed_while_an_agent_or_a_thing_is_in_it(food) -> None:
+def test_a_zone_is_closed_while_an_agent_or_object_is_in_it(food) -> None:
     scene, trajectories, _, _ = food
     timed = schedule(trajectories)
     assert isinstance(timed, Schedule)
     away = checker(food, "Agent_1 must stay out of {zone} while Agent_2 is in it.")
     assert not away.check(
         away.paths(trajectories, scene), timed
-    ).violations  # agent 2 lifts the lid beside it
+    ).violations  # agent 2 lifts the lid outside of it
     beside = checker(food, "Agent_1 must stay out of {zone} while lid is in it.")
     assert not violations(beside, trajectories, scene, timed)
 
 
-def test_a_thing_that_lies_in_a_zone_closes_it(food) -> None:
+def test_an_object_in_a_zone_closes_it(food) -> None:
     scene, trajectories, _, _ = food
     timed = schedule(trajectories)
     assert isinstance(timed, Schedule)
@@ -91,7 +89,7 @@ def test_a_thing_that_lies_in_a_zone_closes_it(food) -> None:
         assert any("enters the keep-out zone" in each.sentence for each in found) is closed
 
 
-def test_a_measured_arm_in_a_closed_zone_is_seen(food) -> None:
+def test_a_measured_arm_in_a_closed_zone_is_detected(food) -> None:
     scene, trajectories, _, _ = food
     waits = checker(food, "Agent_1 must stay out of {zone} until Agent_2 lifts lid.")
     timed = waits.schedule(waits.paths(trajectories, scene))
@@ -100,24 +98,24 @@ def test_a_measured_arm_in_a_closed_zone_is_seen(food) -> None:
     (stay_out,) = (check for check in waits.checks if "zone" in repr(check))
     qpos = scene.qpos.copy()
     qpos[0, :7] = trajectories[0].path()[-1, :7]
-    there = replace(scene, qpos=qpos, held=("steak", None))
-    early = stay_out.measured(there, plan)
+    inside = replace(scene, qpos=qpos, held=("steak", None))
+    early = stay_out.measured(inside, plan)
     assert early is not None and not early.ok
-    done = replace(there, step=scene.step + len(timed))
+    done = replace(inside, step=scene.step + len(timed))
     assert stay_out.measured(done, plan) is None
 
 
-def test_timing_has_to_know_what_a_wait_is_for(food) -> None:
-    for sentence, why in {
+def test_waits_without_a_matching_subgoal_are_refused(food) -> None:
+    for sentence, reason in {
         "Agent_1 must stay out of {zone} until lid is on the table.": "no subgoal puts lid there",
         "Agent_1 must stay out of {zone} until Agent_2 places lid.": "is no subgoal of Agent_2",
     }.items():
-        with pytest.raises(ArgumentError, match=why):
+        with pytest.raises(ArgumentError, match=reason):
             checker(food, sentence)
 
 
-def test_what_lies_on_the_table_was_put_there() -> None:
-    """`until the lid is on the table` waits for whoever puts it there; `let go of` for the end of placing."""
+def test_an_object_on_the_table_was_placed_there() -> None:
+    """`until the lid is on the table` waits for the agent that places it; `lets go of`, for the same."""
     lid_down = Proposal(
         (Subgoal(2, "place", "lid", target="aside"), Subgoal(1, "grasp", "steak", "center")), ()
     )
@@ -141,17 +139,17 @@ def test_what_lies_on_the_table_was_put_there() -> None:
 
 
 def lifting(heights_m: tuple[float, float]) -> tuple[Scene, tuple[Trajectory, ...]]:
-    """Both arms hold the barrier and lift it, each by its height, then carry it level."""
+    """Scene and trajectories in which both arms hold the barrier and lift it, each by its height."""
     start = scene_of(BAR)
     qpos = start.qpos.copy()
     for agent, point in ((1, "left"), (2, "right")):
         qpos[agent - 1, :7] = Hand(BAR, start, agent).grasp("barrier", point).qpos
     scene = replace(start, qpos=qpos, held=("barrier", "barrier"))
-    hands = [
+    builders = [
         Hand(BAR, scene, agent).hold("barrier").lift(height, joined="lift barrier")
         for agent, height in zip((1, 2), heights_m, strict=True)
     ]
-    return scene, tuple(hand.trajectory for hand in hands)
+    return scene, tuple(builder.trajectory for builder in builders)
 
 
 @pytest.mark.parametrize(("heights_m", "ok"), [((0.15, 0.15), True), ((0.15, 0.10), False)])
@@ -170,7 +168,7 @@ def test_heights_are_the_same_in_a_phase(heights_m, ok) -> None:
 
 
 @pytest.mark.parametrize(("direction", "ok"), [("vertical", True), ("horizontal", False), ("level", True)])
-def test_a_gripper_is_turned_so_throughout_a_phase(direction, ok) -> None:
+def test_a_gripper_keeps_its_direction_throughout_a_phase(direction, ok) -> None:
     scene, trajectories = lifting((0.15, 0.15))
     goals = tuple(each.segments[0].subgoal for each in trajectories)
     stated = read(f"Agent_1 must keep its gripper {direction} when lifting barrier", BAR.vocabulary)

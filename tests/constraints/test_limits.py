@@ -1,4 +1,4 @@
-"""Limits: distance, tilt, height and speed, planned, scheduled and measured."""
+"""Limits of distance, tilt, height and speed: planned, scheduled and measured."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ LIFT = Subgoal(1, "lift", "barrier")
 
 
 def checked(sentence: str, task, scene: Scene, trajectories) -> tuple[RoboChecker, CheckedPlan]:
-    """The checker of one sentence, and what it finds in its own schedule."""
+    """The checker of one sentence, and its result for its own schedule."""
     goals = tuple(dict.fromkeys(s.subgoal for t in trajectories for s in t.segments))
     checker = RoboChecker(task, Proposal(goals, (read(sentence, task.vocabulary),)), FULL)
     timed = checker.schedule(checker.paths(trajectories, scene))
@@ -33,13 +33,13 @@ def checked(sentence: str, task, scene: Scene, trajectories) -> tuple[RoboChecke
 
 
 def crossing() -> tuple[Scene, tuple[Trajectory, Trajectory]]:
-    """Both arms reach towards the middle, one after the other, and back."""
+    """Scene and trajectories in which both arms reach towards the middle and back."""
     return scene_of(BAR), (walk(1, [REST, NEAR, REST], 20), walk(2, [REST, NEAR, REST], 20))
 
 
 @pytest.mark.parametrize("parts", ["grippers", "arms"])
-def test_timing_keeps_a_distance(parts) -> None:
-    """A schedule without the limit comes nearer; with it, agents keep away from each other, later."""
+def test_scheduling_keeps_a_distance(parts) -> None:
+    """Without the limit, agents come nearer to each other; with it, they keep the distance and are slower."""
     scene, trajectories = crossing()
     free, together = checked("Agent_1 must finish within 600 s", BAR, scene, trajectories)
     probe = "Agent_1 and Agent_2 must keep their {} at least {} m apart"
@@ -49,16 +49,20 @@ def test_timing_keeps_a_distance(parts) -> None:
     nearest_m = check.planned(together.plan).value
     in_turn_m = check.planned(Plan(paths, sequential(trajectories, Proposal((), ())))).value
     assert in_turn_m > nearest_m + 1e-3
-    asked_m = nearest_m + (in_turn_m - nearest_m) / 20  # the first look at arms keeps more than is asked
-    asking, kept = checked(probe.format(parts, asked_m), BAR, scene, trajectories)
-    assert not kept.violations and len(kept.plan.schedule) > len(together.plan.schedule)
-    (late,) = (
-        each for each in asking.check(paths, together.plan.schedule).violations if each.cause == "space"
+    limit_m = nearest_m + (in_turn_m - nearest_m) / 20  # the coarse test of arms keeps a larger distance
+    limited, limited_plan = checked(probe.format(parts, limit_m), BAR, scene, trajectories)
+    assert not limited_plan.violations and len(limited_plan.plan.schedule) > len(together.plan.schedule)
+    (violation,) = (
+        each for each in limited.check(paths, together.plan.schedule).violations if each.cause == "space"
     )
-    assert late.bound == asked_m and late.value == pytest.approx(nearest_m) and "cm apart" in late.sentence
+    assert (
+        violation.bound == limit_m
+        and violation.value == pytest.approx(nearest_m)
+        and "cm apart" in violation.sentence
+    )
 
 
-def test_a_measured_distance_is_watched() -> None:
+def test_a_measured_distance_is_monitored() -> None:
     scene, trajectories = crossing()
     checker, watched = checked(
         "Agent_1 and Agent_2 must keep their grippers at least 0.2 m apart", BAR, scene, trajectories
@@ -67,19 +71,19 @@ def test_a_measured_distance_is_watched() -> None:
     qpos = scene.qpos.copy()
     qpos[:, :7] = NEAR
     arms = PlanningScene(BAR, scene).arms
-    apart_m = np.linalg.norm(arms[0].tcp(NEAR)[:3, 3] - arms[1].tcp(NEAR)[:3, 3])
+    distance_m = np.linalg.norm(arms[0].tcp(NEAR)[:3, 3] - arms[1].tcp(NEAR)[:3, 3])
     (check,) = (each for each in checker.checks if "apart" in repr(each))
     evidence = check.measured(replace(scene, qpos=qpos), watched.plan)
-    assert evidence is not None and evidence.value == pytest.approx(apart_m)
+    assert evidence is not None and evidence.value == pytest.approx(distance_m)
 
 
 def carrying(tilt_rad: float) -> tuple[Scene, tuple[Trajectory, Trajectory]]:
-    """Agent 1 lifts the steak and turns its hand meanwhile."""
+    """Scene and trajectories in which agent 1 lifts the steak and then tilts its gripper."""
     scene = scene_of(FOOD)
-    hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
+    builder = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
     turn = transform((0, 0, 0), Rotation.from_rotvec((0, tilt_rad, 0)))
-    hand.to(hand.arm.tcp(hand.qpos) @ turn, 10, Subgoal(1, "lift", "steak", height_m=0.1), "lift")
-    return scene, (hand.trajectory, idle(2))
+    builder.to(builder.arm.tcp(builder.qpos) @ turn, 10, Subgoal(1, "lift", "steak", height_m=0.1), "lift")
+    return scene, (builder.trajectory, idle(2))
 
 
 @pytest.mark.parametrize(("sentence", "ok"), [
@@ -87,7 +91,7 @@ def carrying(tilt_rad: float) -> tuple[Scene, tuple[Trajectory, Trajectory]]:
     ("Agent_1 must keep the steak level within 15 deg", False),
     ("The steak must be kept upright", False),
 ])  # fmt: skip
-def test_what_is_carried_is_tilted_or_not(sentence, ok) -> None:
+def test_the_tilt_of_a_carried_object_is_limited(sentence, ok) -> None:
     scene, trajectories = carrying(np.deg2rad(20))
     checker, watched = checked(sentence, FOOD, scene, trajectories)
     tilted = [each for each in watched.violations if "tilted" in each.sentence]
@@ -95,10 +99,10 @@ def test_what_is_carried_is_tilted_or_not(sentence, ok) -> None:
     if tilted:
         assert tilted[0].value == pytest.approx(20, abs=0.5) and tilted[0].agents == (1,)
     (check,) = (each for each in checker.checks if "level" in repr(each))
-    lying = transform(scene.poses["steak"][:3, 3], Rotation.from_rotvec((np.pi, 0, 0)))
-    upset = replace(scene, held=("steak", None), poses={**scene.poses, "steak": lying})
-    assert check.measured(scene, watched.plan) is None  # nobody holds it
-    evidence = check.measured(upset, watched.plan)
+    overturned = transform(scene.poses["steak"][:3, 3], Rotation.from_rotvec((np.pi, 0, 0)))
+    upset_scene = replace(scene, held=("steak", None), poses={**scene.poses, "steak": overturned})
+    assert check.measured(scene, watched.plan) is None  # no arm holds it
+    evidence = check.measured(upset_scene, watched.plan)
     assert evidence is not None and not evidence.ok and evidence.value == pytest.approx(180)
 
 
@@ -115,27 +119,27 @@ def test_a_gripper_stays_below_or_above(sentence, ok) -> None:
     assert evidence is not None and evidence.value == pytest.approx(0.3, abs=0.05)
 
 
-def test_a_slow_agent_takes_its_time() -> None:
-    """The path stays, and every segment takes as long as the limit asks."""
+def test_a_speed_limit_slows_an_agent_down() -> None:
+    """The path is unchanged, and every segment takes as long as the limit requires."""
     scene, trajectories = scene_of(BAR), (walk(1, [REST, REACHING], 20), walk(2, [REST, NEAR], 20))
     checker, watched = checked("Agent_1 must not move faster than 0.1 m/s", BAR, scene, trajectories)
     found = watched.violations
     assert found and found[0].cause == "time" and "m/s" in found[0].sentence
     assert checker.speed_limits_m_s == {1: 0.1}
     arms = PlanningScene(BAR, scene).arms
-    slow = limit_speeds(trajectories, arms, checker.speed_limits_m_s)
-    assert slow[1] is trajectories[1] or slow[1] == trajectories[1]
-    assert len(slow[0]) > 2 * len(trajectories[0])
-    assert 0.08 < speeds_m_s(arms[0], slow[0].path()).max() <= 0.1
-    np.testing.assert_allclose(slow[0].path()[-1], trajectories[0].path()[-1])
-    timed = checker.schedule(checker.paths(slow, scene))
-    assert isinstance(timed, Schedule) and not checker.check(checker.paths(slow, scene), timed).violations
+    slowed = limit_speeds(trajectories, arms, checker.speed_limits_m_s)
+    assert slowed[1] is trajectories[1] or slowed[1] == trajectories[1]
+    assert len(slowed[0]) > 2 * len(trajectories[0])
+    assert 0.08 < speeds_m_s(arms[0], slowed[0].path()).max() <= 0.1
+    np.testing.assert_allclose(slowed[0].path()[-1], trajectories[0].path()[-1])
+    timed = checker.schedule(checker.paths(slowed, scene))
+    assert isinstance(timed, Schedule) and not checker.check(checker.paths(slowed, scene), timed).violations
     (check,) = (each for each in checker.checks if "m/s" in repr(each))
     still, fast = (check.measured(replace(scene, qvel=scene.qvel + v), watched.plan) for v in (0.0, 0.5))
     assert still is not None and still.ok and fast is not None and not fast.ok
 
 
-def test_a_joint_motion_is_slow_together() -> None:
+def test_a_speed_limit_slows_down_all_arms_of_a_joint_motion() -> None:
     joints = np.linspace(REST, NEAR, 21)[1:]
     both = [
         Trajectory(agent, REST, -1.0, (
@@ -143,7 +147,7 @@ def test_a_joint_motion_is_slow_together() -> None:
         ))
         for agent in (1, 2)
     ]  # fmt: skip
-    slow = limit_speeds(both, PlanningScene(BAR, scene_of(BAR)).arms, {1: 0.03})
-    assert len(slow[0]) == len(slow[1]) > 40
-    assert set(slow[0].segments[0].gripper) == {-1.0}
+    slowed = limit_speeds(both, PlanningScene(BAR, scene_of(BAR)).arms, {1: 0.03})
+    assert len(slowed[0]) == len(slowed[1]) > 40
+    assert set(slowed[0].segments[0].gripper) == {-1.0}
     assert limit_speeds(both, PlanningScene(BAR, scene_of(BAR)).arms, {}) == tuple(both)

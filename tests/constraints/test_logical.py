@@ -1,4 +1,4 @@
-"""Interaction position, direction and gripper height, planned and measured."""
+"""Checks of interaction points, directions and gripper heights, planned and measured."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from rf_exp.types import ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import Hand, idle, real, scene_of
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
-FULL, TIMELESS = ConstraintSet("full"), ConstraintSet("logical_spatial", temporal=False)
+FULL, WITHOUT_TIME = ConstraintSet("full"), ConstraintSet("logical_spatial", temporal=False)
 
 
 def plan_of(task, scene, *trajectories, row=FULL) -> Plan:
@@ -36,17 +36,17 @@ def grasp() -> Plan:
 
 def shifted(shift_m) -> Plan:
     scene = scene_of(BAR)
-    hand = Hand(BAR, scene, 1).grasp("barrier", "left", shift_m=shift_m)
-    return plan_of(BAR, scene, hand.trajectory, idle(2))
+    builder = Hand(BAR, scene, 1).grasp("barrier", "left", shift_m=shift_m)
+    return plan_of(BAR, scene, builder.trajectory, idle(2))
 
 
-def test_meeting_the_annotated_point(grasp):
+def test_contact_at_the_annotated_point(grasp):
     evidence = ContactAtCheck(1, "barrier", "left").planned(grasp)
     assert evidence.ok and evidence.value < 1e-3 and evidence.bound == 0.01
     assert evidence.time_s == pytest.approx(1.5)
 
 
-def test_meeting_another_point_or_missing_it():
+def test_contact_at_another_point_or_beside_it():
     far = ContactAtCheck(1, "barrier", "right").planned(shifted((0, 0, 0)))
     assert not far.ok and far.value == pytest.approx(0.444, abs=0.01)
     missed = ContactAtCheck(1, "barrier", "left").planned(shifted((0, 0, 0.03)))
@@ -54,8 +54,8 @@ def test_meeting_another_point_or_missing_it():
     assert missed.sentence == "Agent_1 would meet barrier 3.0 cm from its left point (allowed 1.0 cm)"
 
 
-def test_a_contact_that_is_demanded_and_never_made(grasp):
-    """Agent 2 stands still; the constraint says that it grasps."""
+def test_a_demanded_contact_that_is_never_made(grasp):
+    """Agent 2 does not move, but the constraint demands its grasp."""
     position = ContactAtCheck(2, "barrier", "right").planned(grasp)
     assert not position.ok and position.value > position.bound
     assert position.sentence == (
@@ -69,26 +69,28 @@ def test_a_contact_that_is_demanded_and_never_made(grasp):
     )
 
 
-def test_the_reason_lists_what_the_agent_does_instead():
+def test_the_reason_lists_the_subgoals_of_the_agent():
     scene = scene_of(FOOD)
-    busy = plan_of(FOOD, scene, Hand(FOOD, scene, 1).grasp("steak", "center").trajectory, idle(2))
-    evidence = ContactAtCheck(1, "lid", "knob").planned(busy)
+    plan = plan_of(FOOD, scene, Hand(FOOD, scene, 1).grasp("steak", "center").trajectory, idle(2))
+    evidence = ContactAtCheck(1, "lid", "knob").planned(plan)
     assert not evidence.ok and evidence.sentence.endswith("its subgoals that move: grasp steak at center")
 
 
-def test_what_is_held_already_was_met_before():
-    held = lifting((0.1, 0.1))
+def test_contact_with_a_held_object_was_made_before():
+    lift_plan = lifting((0.1, 0.1))
     for agent, point in ((1, "left"), (2, "right")):
-        assert ContactAtCheck(agent, "barrier", point).planned(held).ok
-        assert DirectionCheck(agent, "barrier", "perpendicular").planned(held).ok
+        assert ContactAtCheck(agent, "barrier", point).planned(lift_plan).ok
+        assert DirectionCheck(agent, "barrier", "perpendicular").planned(lift_plan).ok
 
 
-def test_a_thing_to_which_something_is_put_need_not_be_met():
+def test_the_target_of_placing_need_not_be_touched():
     scene = scene_of(FOOD)
-    hand = Hand(FOOD, scene, 1).grasp("steak", "center")
-    above = transform((0, 0, 0.1)) @ hand.arm.tcp(hand.qpos)
-    hand.to(above, 20, Subgoal(1, "place", "steak", target="pot", target_point="inside"), "lower", {"steak"})
-    plan = plan_of(FOOD, scene, hand.trajectory, idle(2))
+    builder = Hand(FOOD, scene, 1).grasp("steak", "center")
+    above = transform((0, 0, 0.1)) @ builder.arm.tcp(builder.qpos)
+    builder.to(
+        above, 20, Subgoal(1, "place", "steak", target="pot", target_point="inside"), "lower", {"steak"}
+    )
+    plan = plan_of(FOOD, scene, builder.trajectory, idle(2))
     assert DirectionCheck(1, "pot", "vertical").planned(plan).ok
     assert not DirectionCheck(1, "lid", "vertical").planned(plan).ok
 
@@ -99,38 +101,40 @@ def measured(plan: Plan, position: int, **changes):
     return replace(plan.scene, step=int(np.searchsorted(plan.positions(1), position)), qpos=qpos, **changes)
 
 
-def test_real_contact_is_judged_once_the_fingers_have_closed(grasp):
+def test_measured_contact_is_judged_once_the_fingers_have_closed(grasp):
     check = ContactAtCheck(1, "barrier", "left")
     closed = grasp.trajectories[0].knots[-1]
     assert check.measured(measured(grasp, closed - 1), grasp) is None
-    good = check.measured(measured(grasp, closed), grasp)
-    assert good is not None and good.ok
+    met = check.measured(measured(grasp, closed), grasp)
+    assert met is not None and met.ok
     poses = {"barrier": transform((0.0, 0.0, 0.05)) @ grasp.scene.poses["barrier"]}
-    bad = check.measured(measured(grasp, closed, poses=poses), grasp)
-    assert bad is not None and not bad.ok
-    assert bad.sentence == "Agent_1 meets barrier 5.0 cm from its left point (allowed 3.0 cm)"
+    missed = check.measured(measured(grasp, closed, poses=poses), grasp)
+    assert missed is not None and not missed.ok
+    assert missed.sentence == "Agent_1 meets barrier 5.0 cm from its left point (allowed 3.0 cm)"
 
 
-def test_real_direction_is_judged_once_the_fingers_have_closed(grasp):
+def test_measured_direction_is_judged_once_the_fingers_have_closed(grasp):
     check = DirectionCheck(1, "barrier", "perpendicular")
     closed = grasp.trajectories[0].knots[-1]
     assert check.measured(measured(grasp, closed - 3), grasp) is None
-    good = check.measured(measured(grasp, closed), grasp)
-    assert good is not None and good.ok
+    met = check.measured(measured(grasp, closed), grasp)
+    assert met is not None and met.ok
     tipped = grasp.scene.poses["barrier"] @ transform(rotation=Rotation.from_euler("y", 30, degrees=True))
-    bad = check.measured(measured(grasp, closed, poses={"barrier": tipped}), grasp)
-    assert bad is not None and not bad.ok and bad.value == pytest.approx(30, abs=2)
+    missed = check.measured(measured(grasp, closed, poses={"barrier": tipped}), grasp)
+    assert missed is not None and not missed.ok and missed.value == pytest.approx(30, abs=2)
 
 
 def tilted(degrees: float) -> Plan:
     scene = scene_of(BAR)
-    hand = Hand(BAR, scene, 1)
-    goal = hand.goal("barrier", "left") @ transform(rotation=Rotation.from_euler("y", degrees, degrees=True))
+    builder = Hand(BAR, scene, 1)
+    goal = builder.goal("barrier", "left") @ transform(
+        rotation=Rotation.from_euler("y", degrees, degrees=True)
+    )
     subgoal = Subgoal(1, "grasp", "barrier", "left")
-    hand.to(goal @ transform((0, 0, -0.1)), 20, subgoal, "move").to(
+    builder.to(goal @ transform((0, 0, -0.1)), 20, subgoal, "move").to(
         goal, 10, subgoal, "approach", {"barrier"}
     )
-    return plan_of(BAR, scene, hand.trajectory, idle(2))
+    return plan_of(BAR, scene, builder.trajectory, idle(2))
 
 
 @pytest.mark.parametrize("orientation", ["perpendicular", "vertical", "level"])
@@ -158,20 +162,20 @@ def test_every_orientation_word_is_judged(grasp):
         assert np.isfinite(DirectionCheck(1, "barrier", orientation).planned(grasp).value)
 
 
-def test_a_thing_is_put_at_the_place_point():
+def test_an_object_is_placed_at_the_place_point():
     scene = scene_of(FOOD)
     for offset_m, ok in ((0.0, True), (0.06, False)):
-        hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.2)
-        assert hand.held is not None
+        builder = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.2)
+        assert builder.held is not None
         goal = scene.poses["pot"] @ FOOD.asset("pot").points["inside"].object_from_tcp
         goal[0, 3] += offset_m
-        goal[2, 3] += 0.15  # high: only the level counts
-        now = hand.arm.tcp(hand.qpos) @ hand.held[1]
-        goal[:3, :3] = now[:3, :3]
+        goal[2, 3] += 0.15  # released high: only the horizontal distance counts
+        current = builder.arm.tcp(builder.qpos) @ builder.held[1]
+        goal[:3, :3] = current[:3, :3]
         subgoal = Subgoal(1, "place", "steak", target="pot", target_point="inside")
-        hand.to(goal @ np.linalg.inv(hand.held[1]), 20, subgoal, "lower", {"steak", "pot"})
+        builder.to(goal @ np.linalg.inv(builder.held[1]), 20, subgoal, "lower", {"steak", "pot"})
         check = PlaceAtCheck(1, "pot", "inside")
-        evidence = check.planned(plan_of(FOOD, scene, hand.trajectory, idle(2)))
+        evidence = check.planned(plan_of(FOOD, scene, builder.trajectory, idle(2)))
         assert evidence.ok is ok
         assert evidence.value == pytest.approx(offset_m, abs=2e-3)
     assert (
@@ -180,17 +184,17 @@ def test_a_thing_is_put_at_the_place_point():
 
 
 def lifting(heights_m, row=FULL, joined: str | None = "lift barrier", task=BAR) -> Plan:
-    """Both arms hold the barrier and lift it, each by its height."""
+    """Plan in which both arms hold the barrier and lift it, each by its height."""
     start = scene_of(task)
     qpos = start.qpos.copy()
     for agent, point in ((1, "left"), (2, "right")):
         qpos[agent - 1, :7] = Hand(task, start, agent).grasp("barrier", point).qpos
     scene = replace(start, qpos=qpos, held=("barrier", "barrier"))
-    hands = [
+    builders = [
         Hand(task, scene, agent).hold("barrier").lift(height, joined=joined)
         for agent, height in zip((1, 2), heights_m, strict=True)
     ]
-    return plan_of(task, scene, *(hand.trajectory for hand in hands), row=row)
+    return plan_of(task, scene, *(builder.trajectory for builder in builders), row=row)
 
 
 def test_heights_in_lockstep_are_consistent():
@@ -198,7 +202,7 @@ def test_heights_in_lockstep_are_consistent():
     assert evidence.ok and evidence.value < 2e-3
 
 
-def test_heights_that_drift_apart():
+def test_heights_that_drift_apart_are_violations():
     evidence = SameHeightCheck((1, 2)).planned(lifting((0.15, 0.10)))
     assert not evidence.ok and evidence.value == pytest.approx(0.05, abs=2e-3)
     assert (
@@ -206,8 +210,8 @@ def test_heights_that_drift_apart():
     )
 
 
-def test_without_a_model_of_time_only_the_end_counts():
-    plan = lifting((0.15, 0.15), row=TIMELESS, joined=None)
+def test_without_temporal_constraints_only_the_end_counts():
+    plan = lifting((0.15, 0.15), row=WITHOUT_TIME, joined=None)
     alone = np.array([[k, 0] for k in range(21)] + [[20, k] for k in range(1, 21)])
     turns = Schedule(alone, 20)
     assert SameHeightCheck((1, 2)).planned(Plan(plan.paths, turns)).ok
@@ -215,7 +219,7 @@ def test_without_a_model_of_time_only_the_end_counts():
     assert not timed.ok and timed.value == pytest.approx(0.15, abs=2e-3)
 
 
-def test_measured_heights_of_two_that_hold_one_thing():
+def test_measured_heights_of_two_arms_with_one_object():
     plan, check = lifting((0.15, 0.15)), SameHeightCheck((1, 2))
     paths = [trajectory.path()[:, :7] for trajectory in plan.trajectories]
     for positions, ok in (((12, 12), True), ((18, 4), False)):
@@ -227,14 +231,14 @@ def test_measured_heights_of_two_that_hold_one_thing():
     assert check.measured(replace(plan.scene, step=15, held=("barrier", None)), plan) is None
 
 
-def test_nothing_carried_has_no_height(grasp):
+def test_arms_without_a_load_have_no_height_difference(grasp):
     evidence = SameHeightCheck((1, 2)).planned(grasp)
     assert evidence.ok
     assert evidence.finding is Finding.IDLE
 
 
-def test_the_height_is_that_of_what_they_carry_together():
-    """Agent_1 has lifted something else before, by a height of its own."""
+def test_heights_are_compared_for_the_common_load_only():
+    """Agent_1 has lifted another object before, by another height."""
     task = replace(BAR, objects={**BAR.objects, "blue": real("stack_cube").objects["blue"]})
     together = lifting((0.15, 0.15), joined=None, task=task)
     first, second = together.trajectories
@@ -249,6 +253,6 @@ def test_the_height_is_that_of_what_they_carry_together():
     for agent, begin in ((1, 21), (2, 0)):
         assert _first_carrying_span(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
     late = timed.positions.copy()
-    late[:, 1] = np.clip(np.arange(len(late)) - 21, 0, 20)  # Agent_2 lifts when Agent_1 does
+    late[:, 1] = np.clip(np.arange(len(late)) - 21, 0, 20)  # Agent_2 lifts at the same time as Agent_1
     evidence = SameHeightCheck((1, 2)).planned(Plan(plan.paths, Schedule(late, 41)))
     assert evidence.ok and evidence.value < 2e-3

@@ -1,4 +1,4 @@
-"""Who may not be where: other agents, objects, zones; before and while moving."""
+"""Spatial checks of other agents, objects and zones, planned and measured."""
 
 from dataclasses import replace
 
@@ -19,20 +19,20 @@ BAR, FOOD = real("lift_barrier"), real("place_food")
 FULL = ConstraintSet("full")
 
 
-def together(trajectories) -> Schedule:
-    """Everybody at once, blind to collisions."""
+def simultaneous(trajectories) -> Schedule:
+    """Schedule of all trajectories at once, without regard to collisions."""
     timed = schedule(trajectories)
     assert isinstance(timed, Schedule)
     return timed
 
 
 def plan_of(task, scene, trajectories, timed=None) -> Plan:
-    return Plan(Paths(task, FULL, scene, trajectories), timed or together(trajectories))
+    return Plan(Paths(task, FULL, scene, trajectories), timed or simultaneous(trajectories))
 
 
 @pytest.fixture(scope="module")
 def crossing() -> Plan:
-    """Both arms reach over the middle at the same time."""
+    """Plan in which both arms reach over the middle at the same time."""
     scene = scene_of(BAR)
     return plan_of(BAR, scene, (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20)))
 
@@ -44,12 +44,12 @@ def test_arms_that_meet_are_named_with_time_and_links(crossing):
     assert evidence.sentence.startswith(f"at {evidence.time_s:.2f} s Agent_1, to carry thing0 (move), {near}")
 
 
-def test_taking_turns_is_proven_clear_with_its_distance(crossing):
+def test_a_clear_schedule_reports_its_least_distance(crossing):
     there_and_back = tuple(walk(agent, [REST, REACHING, REST], 20) for agent in (1, 2))
     paths = Paths(BAR, FULL, crossing.scene, there_and_back)
     timed = schedule(there_and_back, paths.diagrams)
     assert isinstance(timed, Schedule)
-    assert 40 < len(timed) < 80  # overlapping, but not blindly
+    assert 40 < len(timed) < 80  # overlapping in time, but without collision
     evidence = AvoidAgentsCheck((1, 2)).planned(plan_of(BAR, crossing.scene, there_and_back, timed))
     assert evidence.ok and evidence.value >= evidence.bound
     bodies = [paths.planning_scene.along(trajectory) for trajectory in there_and_back]
@@ -57,7 +57,7 @@ def test_taking_turns_is_proven_clear_with_its_distance(crossing):
     assert least is not None and least.distance_m == pytest.approx(evidence.value)
 
 
-def test_shared_space_is_told_as_the_least_time_between_one_leaving_and_the_other_coming(crossing):
+def test_shared_space_reports_the_least_time_between_its_uses(crossing):
     there_and_back = tuple(walk(agent, [REST, REACHING, REST], 20) for agent in (1, 2))
     paths = Paths(BAR, FULL, crossing.scene, there_and_back)
     timed = schedule(there_and_back, paths.diagrams)
@@ -65,32 +65,37 @@ def test_shared_space_is_told_as_the_least_time_between_one_leaving_and_the_othe
     assert ShareSpaceCheck((2, 1)).rule(paths) is None  # it demands nothing of a schedule by itself
     evidence = ShareSpaceCheck((2, 1)).planned(Plan(paths, timed))
     first, then = evidence.agents
-    left, comes = timed.positions[:, first - 1], timed.positions[:, then - 1]
+    first_positions, then_positions = timed.positions[:, first - 1], timed.positions[:, then - 1]
     too_close = paths.diagrams[1, 2] if first == 1 else paths.diagrams[1, 2].T
-    # Each pair of moments at which the two would be too close; those in which `first` has been before.
-    apart = [t - s for s in range(len(left)) for t in range(len(comes)) if too_close[left[s], comes[t]]]
-    assert evidence.ok and evidence.value == pytest.approx(min(map(abs, apart)) * CONTROL_DT_S)
-    assert min(abs(step) for step in apart if step > 0) == round(evidence.value / CONTROL_DT_S) > 0
-    told = (
+    # Differences in steps of all pairs of moments that would be too close; positive where `first` was before.
+    time_steps = [
+        t - s
+        for s in range(len(first_positions))
+        for t in range(len(then_positions))
+        if too_close[first_positions[s], then_positions[t]]
+    ]
+    assert evidence.ok and evidence.value == pytest.approx(min(map(abs, time_steps)) * CONTROL_DT_S)
+    assert min(abs(step) for step in time_steps if step > 0) == round(evidence.value / CONTROL_DT_S) > 0
+    expected = (
         f"closest in time at {evidence.time_s:.2f} s, when Agent_{then} comes to where Agent_{first} has been"
     )
-    assert told in evidence.sentence
+    assert expected in evidence.sentence
 
 
-def test_space_that_only_one_uses_is_not_shared(crossing):
+def test_space_of_one_agent_is_not_shared(crossing):
     trajectories = (walk(1, [REST, REACHING], 20), idle(2))
     evidence = ShareSpaceCheck((1, 2)).planned(plan_of(BAR, crossing.scene, trajectories))
     assert evidence.ok and evidence.value == np.inf
     assert evidence.sentence == "[Agent_1, Agent_2] use no space that another of them uses at any time"
 
 
-def test_waiting_where_the_other_arm_reaches_is_seen(crossing):
+def test_waiting_in_the_way_of_another_arm_is_detected(crossing):
     trajectories = (idle(1, REACHING), walk(2, [REST, REACHING], 20))
     scene = scene_of(BAR)
     assert not AvoidAgentsCheck((1, 2)).planned(plan_of(BAR, scene, trajectories)).ok
 
 
-def test_one_agent_means_all_its_pairs():
+def test_a_check_of_one_agent_covers_all_its_pairs():
     four = team(4)
     assert AvoidAgentsCheck((2,)).pairs(four) == ((1, 2), (2, 3), (2, 4))
     assert AvoidAgentsCheck((1, 3, 4)).pairs(four) == ((1, 3), (1, 4), (3, 4))
@@ -101,19 +106,19 @@ def test_one_agent_means_all_its_pairs():
 
 def test_objects_in_the_way_are_named():
     scene = scene_of(FOOD)
-    hand = Hand(FOOD, scene, 1)
-    over = scene.poses["pot"] @ transform((0, 0, 0.12)) @ np.diag([1.0, -1.0, -1.0, 1.0])
-    hand.to(over, 20, Subgoal(1, "carry", "steak"), "move")  # fingers into the lid's knob
-    evidence = AvoidObjectsCheck((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
+    builder = Hand(FOOD, scene, 1)
+    goal = scene.poses["pot"] @ transform((0, 0, 0.12)) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    builder.to(goal, 20, Subgoal(1, "carry", "steak"), "move")  # with the fingers in the knob of the lid
+    evidence = AvoidObjectsCheck((1, 2)).planned(plan_of(FOOD, scene, (builder.trajectory, idle(2))))
     assert not evidence.ok and evidence.value < 0.01
     assert "Agent_1, to carry steak (move), comes within" in evidence.sentence
     assert "of lid (panda_" in evidence.sentence and evidence.sentence.endswith("which it may not touch")
 
 
-def test_what_a_segment_is_about_may_be_touched():
+def test_the_object_of_a_segment_may_be_touched():
     scene = scene_of(FOOD)
-    hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
-    evidence = AvoidObjectsCheck((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
+    builder = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
+    evidence = AvoidObjectsCheck((1, 2)).planned(plan_of(FOOD, scene, (builder.trajectory, idle(2))))
     assert evidence.ok and evidence.value > 0.003
     assert evidence.sentence.startswith("Agent_")
 
@@ -145,11 +150,11 @@ def test_a_zone_is_kept_or_entered():
     assert measured is not None and not measured.ok
 
 
-def test_what_an_arm_holds_stays_out_of_a_zone_too():
+def test_a_held_object_stays_out_of_a_zone_too():
     scene = scene_of(FOOD)
     plan = plan_of(FOOD, scene, (idle(1, REST), idle(2)))
-    hand = plan.planning_scene.arms[0].tcp(scene.qpos[0])
-    below = transform((*hand[:2, 3], hand[2, 3] - 0.3))
+    tcp = plan.planning_scene.arms[0].tcp(scene.qpos[0])
+    below = transform((*tcp[:2, 3], tcp[2, 3] - 0.3))
     low, high = (below[:3, 3] - 0.05).tolist(), (below[:3, 3] + 0.05).tolist()
     zone = KeepOutCheck(1, tuple(low), tuple(high))
     hanging = replace(scene, poses={**scene.poses, "steak": below})
@@ -158,7 +163,7 @@ def test_what_an_arm_holds_stays_out_of_a_zone_too():
         assert evidence is not None and evidence.ok is ok
 
 
-def test_the_monitor_of_policies_sees_force_and_overlap():
+def test_the_monitor_of_policies_detects_force_and_overlap():
     scene = scene_of(BAR, step=40)
     monitor = PolicyMonitor(BAR)
     assert monitor(scene) is None
@@ -178,13 +183,13 @@ def test_the_monitor_of_policies_sees_force_and_overlap():
     )
 
 
-def touch(task, scene, may_touch=None):
-    """What the monitor says of the two arms in a scene that it sees for the first time."""
+def contact(task, scene, may_touch=None):
+    """Contact evidence of the two arms in a scene, with a new `Separation`."""
     touches = (may_touch or dict.fromkeys(task.agents, frozenset())).__getitem__
     return contact_evidence(Separation(task), scene, ((1, 2),), touches)
 
 
-def test_touching_agrees_with_the_exact_distance():
+def test_contact_agrees_with_the_exact_distance():
     rng = np.random.default_rng(0)
     outcomes = set()
     for _ in range(60):
@@ -192,16 +197,16 @@ def test_touching_agrees_with_the_exact_distance():
         qpos[:, :7] = REACHING + rng.normal(0, 0.25, (2, 7))
         scene = scene_of(BAR, qpos=qpos)
         exact = PlanningScene(BAR, scene).between(1, 2).distance_m
-        found = touch(BAR, scene)
+        found = contact(BAR, scene)
         outcomes.add(found is None)
         assert (found is None) == (exact > 0)
     assert outcomes == {True, False}
 
 
-def test_what_an_arm_holds_is_part_of_it():
+def test_a_held_object_is_part_of_its_arm():
     rng = np.random.default_rng(1)
     grip = inverse(FOOD.asset("steak").points["center"].object_from_tcp)
-    blamed = set()
+    named = set()
     for _ in range(60):
         start = scene_of(FOOD)
         qpos = start.qpos
@@ -213,51 +218,51 @@ def test_what_an_arm_holds_is_part_of_it():
         exact, bare = nearest(loaded, planning_scene.arm(2, qpos[1])), planning_scene.arm(1, qpos[0])
         alone = nearest(bare, planning_scene.arm(2, qpos[1]))
         assert exact is not None and alone is not None
-        found = touch(FOOD, scene)
+        found = contact(FOOD, scene)
         assert (found is None) == (exact.distance_m > 0)
         if found is not None and alone.distance_m > 0:
-            blamed.add("steak" if "(steak with panda_" in found.sentence else found.sentence)
-    assert blamed == {"steak"}
+            named.add("steak" if "(steak with panda_" in found.sentence else found.sentence)
+    assert named == {"steak"}
 
 
 def measured_with(task, name, pose, held, qpos=None):
-    """A start in which something was measured elsewhere, in the hands of those who hold it."""
+    """A start scene in which the object `name` is at another pose and held as in `held`."""
     start = scene_of(task)
     qpos = start.qpos if qpos is None else qpos
     return replace(start, qpos=qpos, held=held, poses={**start.poses, name: pose})
 
 
-def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
+def test_a_gripper_may_touch_its_object_in_another_gripper():
     planning_scene = PlanningScene(FOOD, scene_of(FOOD))
     arm, rest = planning_scene.arms[1], scene_of(FOOD).qpos
     in_fingers = measured_with(FOOD, "steak", arm.links(rest[1])[-1], ("steak", None))
     in_elbow = measured_with(FOOD, "steak", arm.links(rest[1])[5], ("steak", None))
     about = {1: frozenset(), 2: frozenset({"steak"})}
-    assert touch(FOOD, in_fingers) is not None
-    assert touch(FOOD, in_fingers, about) is None
-    assert touch(FOOD, in_elbow, about) is not None
+    assert contact(FOOD, in_fingers) is not None
+    assert contact(FOOD, in_fingers, about) is None
+    assert contact(FOOD, in_elbow, about) is not None
     monitor = PolicyMonitor(FOOD)
     assert monitor(in_fingers) is None
     hit = monitor(in_elbow)
     assert hit is not None and "(steak with panda_link" in hit.sentence
 
 
-def test_what_two_hold_together_is_no_obstacle_between_them():
+def test_an_object_held_by_two_arms_is_no_obstacle_between_them():
     arm = PlanningScene(BAR, scene_of(BAR)).arms[1]
     pose = arm.links(scene_of(BAR).qpos[1])[5]
-    assert touch(BAR, measured_with(BAR, "barrier", pose, ("barrier", None))) is not None
-    assert touch(BAR, measured_with(BAR, "barrier", pose, ("barrier", "barrier"))) is None
+    assert contact(BAR, measured_with(BAR, "barrier", pose, ("barrier", None))) is not None
+    assert contact(BAR, measured_with(BAR, "barrier", pose, ("barrier", "barrier"))) is None
 
 
-def test_the_plan_says_what_a_gripper_is_about():
+def test_the_plan_determines_the_object_of_a_gripper():
     scene = scene_of(FOOD)
-    hand = Hand(FOOD, scene, 1).grasp("steak", "center")
-    taking = plan_of(FOOD, scene, (hand.trajectory, idle(2)))
-    standing = plan_of(FOOD, scene, (idle(1, hand.qpos), idle(2)))
+    builder = Hand(FOOD, scene, 1).grasp("steak", "center")
+    taking = plan_of(FOOD, scene, (builder.trajectory, idle(2)))
+    standing = plan_of(FOOD, scene, (idle(1, builder.qpos), idle(2)))
     qpos = scene.qpos.copy()
-    qpos[0] = [*hand.qpos, 0.02, 0.02]  # pressed into its sides
-    given = measured_with(FOOD, "steak", scene.poses["steak"], (None, "steak"), qpos)
+    qpos[0] = [*builder.qpos, 0.02, 0.02]  # fingers pressed into its sides
+    held_by_other = measured_with(FOOD, "steak", scene.poses["steak"], (None, "steak"), qpos)
     check = AvoidAgentsCheck((1, 2))
-    assert check.measured(replace(given, step=len(hand.trajectory)), taking) is None
-    found = check.measured(given, standing)
+    assert check.measured(replace(held_by_other, step=len(builder.trajectory)), taking) is None
+    found = check.measured(held_by_other, standing)
     assert found is not None and not found.ok and "steak" in found.sentence

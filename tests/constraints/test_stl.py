@@ -1,4 +1,4 @@
-"""Signal temporal logic: every kind of check has a form, and rtamt's verdict on it is the monitor's."""
+"""Signal temporal logic: every kind of check has formulas, and the verdicts of rtamt and monitor agree."""
 
 from dataclasses import replace
 from typing import Any
@@ -71,54 +71,56 @@ def episodes() -> dict[str, list[Executed]]:
 
 
 def agreed(execution: Execution, check: Check) -> bool:
-    """The verdict on which both agree."""
+    """The common verdict of formulas and monitor; asserts that they agree."""
     found = all(each.holds for each in evaluate_check(execution, check))
     assert found == monitor_verdict(execution, check), (check, evaluate_check(execution, check))
     return found
 
 
-def check_for(made: Planned, execution: Execution, stated: Statement) -> Check:
-    return compile_statement(stated, execution.plan.task, made.proposal)
+def check_for(planned: Planned, execution: Execution, stated: Statement) -> Check:
+    return compile_statement(stated, execution.plan.task, planned.proposal)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
-def test_on_a_real_episode_both_agree_on_every_check(episodes, name):
-    for made, execution in episodes[name]:
-        assert len(execution) > 20 and all(agreed(execution, check) for check in made.checked.checks)
+def test_formulas_and_monitor_agree_on_every_check_of_an_episode(episodes, name):
+    for planned, execution in episodes[name]:
+        assert len(execution) > 20 and all(agreed(execution, check) for check in planned.checked.checks)
         times = [scene.step for scene in execution.scenes]
         assert times == list(range(times[0], times[0] + len(execution)))
         assert times[0] == execution.plan.scene.step + 1
-        forms = [check.stl(execution.plan.task) for check in made.checked.checks]
-        said = {(signal.name, signal.description) for form in forms for signal in form.signals}
-        assert len(said) == len(signals(execution, made.checked.checks))  # the same name is the same number
+        forms = [check.stl(execution.plan.task) for check in planned.checked.checks]
+        descriptions = {(signal.name, signal.description) for form in forms for signal in form.signals}
+        # Signals of one name are equal.
+        assert len(descriptions) == len(signals(execution, planned.checked.checks))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
-def test_what_is_left_of_a_clearance_is_what_the_plan_had_less_its_bound(episodes, name):
-    """Of things, and of the table: neither hides the other."""
+def test_the_robustness_of_clearance_is_its_planned_distance_minus_the_bound(episodes, name):
+    """For objects and table separately, so that neither hides the other."""
     seen = 0
-    for made, execution in episodes[name]:
-        for check, evidence in zip(made.checked.checks, made.checked.evidence, strict=True):
+    for planned, execution in episodes[name]:
+        for check, evidence in zip(planned.checked.checks, planned.checked.evidence, strict=True):
             if not isinstance(check, AvoidObjectsCheck):
                 continue
-            things, table = evaluate_check(execution, check)
+            objects, table = evaluate_check(execution, check)
             low_m = [
                 lowest_m(execution.plan.paths.swept[agent - 1])[execution.positions(agent)].min()
                 for agent in check.agents
             ]
             assert table.robustness == pytest.approx(min(low_m), abs=1e-9)
-            if things.applies:
-                left_m = evidence.value - evidence.bound  # with the beginning, and what was not carried out
-                assert things.robustness >= left_m - 1e-9
+            if objects.applies:
+                # Including the start and steps that were not executed.
+                margin_m = evidence.value - evidence.bound
+                assert objects.robustness >= margin_m - 1e-9
                 if evidence.time_s <= execution.plan.begins_s + execution.clock_s[-1]:
-                    assert things.robustness == pytest.approx(left_m, abs=2e-3)
-                seen += table.robustness < things.robustness - 0.01
-    assert seen or name == "lift_barrier"  # nothing lies still on its table
+                    assert objects.robustness == pytest.approx(margin_m, abs=2e-3)
+                seen += table.robustness < objects.robustness - 0.01
+    assert seen or name == "lift_barrier"  # it has no resting object on the table
 
 
-# statement, field of its check, bound of the field for a worst value, unit steps beyond the boundary
+# task, statement, field of its check, measured worst value -> value of the field at the boundary
 LIMITS: list[tuple[str, Statement, str, Any]] = [
     ("lift_barrier", KeepApart((1, 2), 0.1), "at_least_m", lambda value: value + MEASUREMENT_TOLERANCE_M),
     (
@@ -143,23 +145,25 @@ LIMITS: list[tuple[str, Statement, str, Any]] = [
     LIMITS,
     ids=[f"{type(stated).__name__}-{k}" for k, (_, stated, *_) in enumerate(LIMITS)],
 )
-def test_a_limit_is_judged_alike_at_below_and_above_what_was_measured(episodes, name, stated, field, bound):
-    made, execution = episodes[name][0]
-    check: Any = check_for(made, execution, stated)  # a frozen dataclass
+def test_limits_are_judged_equally_at_below_and_above_the_measured_value(
+    episodes, name, stated, field, bound
+):
+    planned, execution = episodes[name][0]
+    check: Any = check_for(planned, execution, stated)  # a frozen dataclass
     values = [each.value for each in execution.measured(check) if each is not None]
     values = values or [check.planned(execution.plan).value]
-    least = field in ("at_least_m", "wait_s") or getattr(check, "side", "") == "above"
-    at = bound(min(values) if least else max(values))
-    inside, outside = (-1e-6, 1e-6) if least else (1e-6, -1e-6)
-    agreed(execution, replace(check, **{field: at}))
-    assert agreed(execution, replace(check, **{field: at + inside}))
-    assert not agreed(execution, replace(check, **{field: at + outside}))
-    robust = evaluate_check(execution, replace(check, **{field: at + inside}))
-    assert robust[0].robustness == pytest.approx(1e-6, rel=0.5)
+    is_minimum = field in ("at_least_m", "wait_s") or getattr(check, "side", "") == "above"
+    boundary = bound(min(values) if is_minimum else max(values))
+    inside, outside = (-1e-6, 1e-6) if is_minimum else (1e-6, -1e-6)
+    agreed(execution, replace(check, **{field: boundary}))
+    assert agreed(execution, replace(check, **{field: boundary + inside}))
+    assert not agreed(execution, replace(check, **{field: boundary + outside}))
+    results = evaluate_check(execution, replace(check, **{field: boundary + inside}))
+    assert results[0].robustness == pytest.approx(1e-6, rel=0.5)
 
 
 def changed(execution: Execution, **values: Any) -> Execution:
-    """The same with something else in every scene; a function is asked for each of them."""
+    """The execution with fields of every scene replaced by values or by functions of the scene."""
     scenes = []
     for scene in execution.scenes:
         found = {name: each(scene) if callable(each) else each for name, each in values.items()}
@@ -169,9 +173,9 @@ def changed(execution: Execution, **values: Any) -> Execution:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("far_m", [0.0, POSITION_MEASURED_M - 1e-6, POSITION_MEASURED_M, 0.031])
-def test_where_the_gripper_meets_an_object(episodes, far_m):
-    made, execution = episodes["lift_barrier"][0]
-    check = check_for(made, execution, ContactAt(1, "grasp", "barrier", "left"))
+def test_the_contact_point_of_a_gripper(episodes, far_m):
+    planned, execution = episodes["lift_barrier"][0]
+    check = check_for(planned, execution, ContactAt(1, "grasp", "barrier", "left"))
     point = execution.plan.task.asset("barrier").points["left"].object_from_tcp
 
     def poses(scene: Scene) -> dict[str, np.ndarray]:
@@ -180,33 +184,33 @@ def test_where_the_gripper_meets_an_object(episodes, far_m):
         return {**scene.poses, "barrier": aside}
 
     verdict = agreed(changed(execution, poses=poses), check)
-    if far_m != POSITION_MEASURED_M:  # there the last bit decides, for both alike
+    if far_m != POSITION_MEASURED_M:  # at the bound, rounding decides, equally for both
         assert verdict == (far_m < POSITION_MEASURED_M)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [0.0, ANGLE_MEASURED_DEG - 3, ANGLE_MEASURED_DEG + 3])
-def test_how_the_gripper_meets_an_object(episodes, turn_deg):
-    made, execution = episodes["lift_barrier"][0]
+def test_the_contact_direction_of_a_gripper(episodes, turn_deg):
+    planned, execution = episodes["lift_barrier"][0]
     turn = transform((0, 0, 0), Rotation.from_euler("z", turn_deg, degrees=True))
-    check = check_for(made, execution, Direction(1, "barrier"))
-    turned = changed(execution, poses=lambda scene: {"barrier": scene.poses["barrier"] @ turn})
-    assert agreed(turned, check) == (turn_deg < ANGLE_MEASURED_DEG)
-    throughout = check_for(made, execution, Direction(1, "barrier", "vertical", "grasp"))
-    agreed(execution, throughout)
+    check = check_for(planned, execution, Direction(1, "barrier"))
+    rotated = changed(execution, poses=lambda scene: {"barrier": scene.poses["barrier"] @ turn})
+    assert agreed(rotated, check) == (turn_deg < ANGLE_MEASURED_DEG)
+    during_grasp = check_for(planned, execution, Direction(1, "barrier", "vertical", "grasp"))
+    agreed(execution, during_grasp)
 
 
-def test_several_that_raise_one_thing(episodes):
-    made, execution = episodes["lift_barrier"][-1]
-    check = check_for(made, execution, SameHeight((1, 2)))
+def test_two_arms_that_lift_one_object(episodes):
+    planned, execution = episodes["lift_barrier"][-1]
+    check = check_for(planned, execution, SameHeight((1, 2)))
     assert agreed(execution, check) and evaluate_check(execution, check)[0].applies
     bent = changed(execution, qpos=lambda scene: scene.qpos + np.eye(2, 1) @ np.eye(1, 9, 3) * 0.1)
     assert not agreed(bent, check)
 
 
-def test_what_is_put_down(episodes):
-    made, execution = episodes["place_food"][0]
-    check = check_for(made, execution, PlaceAt(1, "steak", "pot", "inside"))
+def test_a_placed_object(episodes):
+    planned, execution = episodes["place_food"][0]
+    check = check_for(planned, execution, PlaceAt(1, "steak", "pot", "inside"))
     assert agreed(execution, check) and evaluate_check(execution, check)[0].applies
     paths = execution.plan.paths
     poses = {**paths.scene.poses, "pot": transform((0.2, 0, 0)) @ paths.scene.poses["pot"]}
@@ -214,12 +218,12 @@ def test_what_is_put_down(episodes):
     assert not agreed(Execution(Plan(elsewhere, execution.plan.schedule), execution.scenes), check)
 
 
-ACROSS = np.array([0.0, 1.1, 0.0, -0.8, 0.0, 1.9, 0.785])  # stretched out over the middle
+ACROSS = np.array([0.0, 1.1, 0.0, -0.8, 0.0, 1.9, 0.785])  # stretched out over the middle of the table
 DOWN = REACHING + np.array([0, 0.5, 0, 0, 0, 0, 0])  # on the table
 
 
-def reaching(goal: NDArray[np.float64], *agents: int) -> Execution:
-    """Some of two arms go to a position, one after the other."""
+def execution_to(goal: NDArray[np.float64], *agents: int) -> Execution:
+    """Execution in which the given agents of two move to joint positions, one after the other."""
     task = real("lift_barrier")
     moving = tuple(walk(each, [REST, goal], 20) if each in agents else idle(each) for each in (1, 2))
     checker = RoboChecker(task, Proposal((), ()), ConstraintSet("full"))
@@ -240,14 +244,14 @@ def reaching(goal: NDArray[np.float64], *agents: int) -> Execution:
     [((1,), 0.0, True), ((1,), 1.0, True), ((1,), 1.001, False), ((1, 2), 0.0, False)],
 )
 def test_arms_that_touch(agents, force_n, holds):
-    execution = changed(reaching(REACHING, *agents), arm_contacts=((2, 1, force_n),))
+    execution = changed(execution_to(REACHING, *agents), arm_contacts=((2, 1, force_n),))
     check = compile_statement(AvoidAgents((1, 2)), execution.plan.task, Proposal((), ()))
     assert agreed(execution, check) == holds
 
 
 @pytest.mark.parametrize(("agents", "holds"), [((), True), ((1,), False)])
-def test_an_arm_that_comes_too_near_to_things(agents, holds):
-    execution = reaching(DOWN, *agents)
+def test_an_arm_too_near_to_objects(agents, holds):
+    execution = execution_to(DOWN, *agents)
     assert (
         agreed(execution, compile_statement(AvoidObjects(1), execution.plan.task, Proposal((), ()))) == holds
     )
@@ -264,24 +268,24 @@ def test_an_arm_that_comes_too_near_to_things(agents, holds):
     ],
 )
 def test_a_zone(low_m, more, holds):
-    execution = reaching(ACROSS, 1)
+    execution = execution_to(ACROSS, 1)
     zone = KeepOut(1, low_m, tuple(side + 0.4 for side in low_m), **more)
     assert agreed(execution, compile_statement(zone, execution.plan.task, Proposal((), ()))) == holds
 
 
-def test_a_permission_says_that_it_has_no_formula(episodes):
-    made, execution = episodes["place_food"][0]
-    form = check_for(made, execution, ShareSpace((1, 2))).stl(execution.plan.task)
+def test_a_permission_has_no_formula(episodes):
+    planned, execution = episodes["place_food"][0]
+    form = check_for(planned, execution, ShareSpace((1, 2))).stl(execution.plan.task)
     assert not form.formulas and "permission" in form.no_formulas_reason
 
 
 def test_every_kind_of_statement_has_a_form_and_a_case_here(episodes):
-    """A kind that is added to the package needs both."""
+    """A new kind of the package needs both."""
     cases = {type(stated) for _, stated, *_ in LIMITS}
     cases |= {ContactAt, Direction, SameHeight, PlaceAt, AvoidAgents, AvoidObjects, KeepOut, ShareSpace}
-    ours = {kind: check for kind, check in checked_kinds().items() if "rf_exp." in kind.__module__}
-    assert cases == ours.keys()
-    assert all(check.stl is not Check.stl for check in ours.values())
+    own_checks = {kind: check for kind, check in checked_kinds().items() if "rf_exp." in kind.__module__}
+    assert cases == own_checks.keys()
+    assert all(check.stl is not Check.stl for check in own_checks.values())
 
 
 @pytest.mark.parametrize(
@@ -302,14 +306,14 @@ def test_robustness_is_the_least_margin(text, expected):
     assert once == evaluate_formula(text, {"x": [0.03, 0.03], "g": [-MAX_MARGIN, -MAX_MARGIN]})
 
 
-def test_without_rtamt_it_is_said_what_to_install(monkeypatch):
+def test_without_rtamt_the_error_names_the_package(monkeypatch):
     monkeypatch.setattr("rf_exp.constraints.stl.find_spec", lambda name: None)
     with pytest.raises(ArgumentError, match=r"pip install 'rf_exp\[stl\]'"):
         evaluate_formula("always(x <= 1)", {"x": [0.0, 0.0]})
 
 
-def test_nothing_that_was_carried_out_is_judged_to_hold(episodes):
-    made, execution = episodes["lift_barrier"][0]
-    nothing = Execution(execution.plan, ())
-    assert all(agreed(nothing, check) for check in made.checked.checks)
+def test_an_empty_execution_satisfies_all_checks(episodes):
+    planned, execution = episodes["lift_barrier"][0]
+    empty = Execution(execution.plan, ())
+    assert all(agreed(empty, check) for check in planned.checked.checks)
     assert execution.clock_s[-1] == len(execution) * CONTROL_DT_S

@@ -1,4 +1,4 @@
-"""The search against breadth-first search over every joint state."""
+"""The schedule search compared with breadth-first search over all joint states."""
 
 from collections import deque
 from itertools import product
@@ -20,7 +20,7 @@ from rf_exp.coordination.search import (
 
 
 def brute_force(problem: Problem) -> int | None:
-    """Fewest steps by breadth-first search; deadlines included through the step count."""
+    """Minimum number of steps by breadth-first search, with deadlines; None if infeasible."""
     start, goal = (0,) * len(problem.lengths), problem.lengths
     if any(d[s[0], s[1]] for d, s in ((d, (0, 0)) for d in problem.diagrams.values())):
         return None
@@ -46,9 +46,9 @@ def brute_force(problem: Problem) -> int | None:
 
 
 @st.composite
-def problems(draw, most_agents: int = 3, longest: int = 7):
-    count = draw(st.integers(2, most_agents))
-    lengths = tuple(draw(st.integers(0, longest)) for _ in range(count))
+def problems(draw, max_agents: int = 3, max_length: int = 7):
+    count = draw(st.integers(2, max_agents))
+    lengths = tuple(draw(st.integers(0, max_length)) for _ in range(count))
     knots = tuple(frozenset({0, n, *draw(st.sets(st.integers(0, n), max_size=3))}) for n in lengths)
     diagrams = {}
     for i in range(count):
@@ -60,12 +60,12 @@ def problems(draw, most_agents: int = 3, longest: int = 7):
                 diagram[0, 0] = diagram[-1, -1] = False
             diagrams[i, j] = diagram
     agent = draw(st.integers(0, count - 1))
-    late = draw(st.integers(lengths[agent], 3 * longest))
-    deadlines = ((agent, lengths[agent], late),) if draw(st.booleans()) else ()
+    latest = draw(st.integers(lengths[agent], 3 * max_length))
+    deadlines = ((agent, lengths[agent], latest),) if draw(st.booleans()) else ()
     return Problem(knots, lengths, diagrams, deadlines)
 
 
-def check_moves(problem: Problem, positions) -> None:
+def assert_valid(problem: Problem, positions) -> None:
     assert (positions[0] == 0).all()
     assert tuple(positions[-1]) == problem.lengths
     steps = np.diff(positions, axis=0)
@@ -88,35 +88,35 @@ def test_the_makespan_is_that_of_breadth_first_search(problem):
         assert isinstance(answer, Infeasible) and answer.proven
         return
     assert isinstance(answer, Solution)
-    check_moves(problem, answer.positions)
+    assert_valid(problem, answer.positions)
     assert len(answer.positions) - 1 == expected == answer.bound
 
 
 @settings(max_examples=60, deadline=None)
-@given(problems(most_agents=5, longest=4))
-def test_larger_teams_are_solved_as_exactly(problem):
+@given(problems(max_agents=5, max_length=4))
+def test_larger_teams_are_solved_exactly_too(problem):
     expected, answer = brute_force(problem), solve(problem)
     assert (expected is None) == isinstance(answer, Infeasible)
     if isinstance(answer, Solution):
-        check_moves(problem, answer.positions)
+        assert_valid(problem, answer.positions)
         assert len(answer.positions) - 1 == expected == answer.bound
 
 
 @settings(max_examples=100, deadline=None)
-@given(problems(most_agents=4, longest=4), st.integers(0, 3))
+@given(problems(max_agents=4, max_length=4), st.integers(0, 3))
 def test_a_small_budget_keeps_the_bound_and_the_rules(problem, budget):
     expected, answer = brute_force(problem), solve(problem, budget)
     if isinstance(answer, Solution):
         assert expected is not None
-        check_moves(problem, answer.positions)
+        assert_valid(problem, answer.positions)
         assert answer.bound <= expected <= len(answer.positions) - 1
     elif answer.proven:
         assert expected is None
 
 
 @settings(max_examples=100, deadline=None)
-@given(problems(most_agents=2))
-def test_the_table_of_two_agents_says_what_is_left(problem):
+@given(problems(max_agents=2))
+def test_the_table_of_two_agents_holds_the_remaining_steps(problem):
     problem = Problem(problem.knots, problem.lengths, problem.diagrams)
     table = steps_to_go(problem.diagrams[0, 1], *problem.knots)
     expected = brute_force(problem)
@@ -124,7 +124,7 @@ def test_the_table_of_two_agents_says_what_is_left(problem):
 
 
 def test_four_agents_through_one_gap():
-    """All four need the middle third of their way alone: the shortest schedule is known."""
+    """The middle third of the path is exclusive for all four agents; the shortest schedule is known."""
     length, third = 30, 10
     diagram = np.zeros((length + 1, length + 1), dtype=bool)
     diagram[third + 1 : 2 * third, third + 1 : 2 * third] = True
@@ -133,13 +133,13 @@ def test_four_agents_through_one_gap():
     problem = Problem((knots,) * 4, (length,) * 4, pairs)
     answer = solve(problem)
     assert isinstance(answer, Solution)
-    check_moves(problem, answer.positions)
-    # each next one leaves the knot before the middle a step before the last one has left the middle
+    assert_valid(problem, answer.positions)
+    # each agent leaves the knot before the middle one step before its predecessor has left the middle
     assert answer.bound == len(answer.positions) - 1 == length + 3 * (third - 1)
 
 
 def test_many_stops_and_obstacles_are_solved_to_proven_optimality():
-    """Four agents with twelve segments each: the number of joint states alone rules out trying them all."""
+    """Four agents with twelve segments each: too many joint states for an exhaustive search."""
     rng = np.random.default_rng(0)
     length, knots = 240, frozenset(range(0, 241, 20))
     pairs = {}
@@ -151,18 +151,18 @@ def test_many_stops_and_obstacles_are_solved_to_proven_optimality():
     problem = Problem((knots,) * 4, (length,) * 4, pairs)
     answer = solve(problem)
     assert isinstance(answer, Solution)
-    check_moves(problem, answer.positions)
+    assert_valid(problem, answer.positions)
     assert answer.bound == len(answer.positions) - 1 > length
 
 
-def test_the_pair_to_blame_is_named():
+def test_the_infeasible_pair_is_named():
     wall = np.zeros((5, 5), dtype=bool)
     wall[2, :] = True
     knots = (frozenset({0, 4}),) * 3
     assert solve(Problem(knots, (4, 4, 4), {(0, 2): wall})) == Infeasible((0, 2), proven=True)
 
 
-def test_the_blocked_region_is_where_both_are_stuck():
+def test_the_farthest_reachable_positions():
     wall = np.zeros((6, 6), dtype=bool)
     wall[3, :] = True
     assert farthest_reachable(wall, [0, 2, 5], [0, 5]) == (2, 5)

@@ -1,6 +1,6 @@
-"""Demonstrations of others, written by the layout of their files: raw, Zarr 2, and Policy-Lightning's HDF5.
+"""Writers of third-party demonstration files: raw trajectories, Zarr 2, and Policy-Lightning's HDF5.
 
-What is in them are episodes made here. Nothing of the exporters is used.
+They hold artificial episodes, and use no code of rf_exp's exporters.
 """
 
 import json
@@ -27,10 +27,14 @@ CAMERAS = {
     ),
     "head_camera_agent1": CameraSpec((0.6, 0.38, 0.5), (0.0, 0.2, 0.15), FOV_DEG),
 }
-OURS = {"head_camera_global": "global", "head_camera_agent0": "agent1", "head_camera_agent1": "agent2"}
+CAMERA_NAMES = {
+    "head_camera_global": "global",
+    "head_camera_agent0": "agent1",
+    "head_camera_agent1": "agent2",
+}
 
 
-class Made(NamedTuple):
+class SourceEpisode(NamedTuple):
     """An episode of T actions with T + 1 observations."""
 
     seed: int
@@ -46,8 +50,8 @@ class Made(NamedTuple):
         return len(self.action)
 
 
-def made(seed: int, steps: int = 6, agents: int = 2) -> Made:
-    """Arms that move about their rest posture and close their grippers half-way."""
+def source_episode(seed: int, steps: int = 6, agents: int = 2) -> SourceEpisode:
+    """Arms that move around their rest posture and close their grippers half-way through the episode."""
     rng = np.random.default_rng(seed)
     joints = np.array(DEFAULT.rest_rad) + rng.normal(0, 0.05, (steps + 1, agents, 7)).cumsum(axis=0)
     gripper = np.where(np.arange(steps) < steps // 2, 1.0, -1.0)[:, None, None].repeat(agents, axis=1)
@@ -55,7 +59,7 @@ def made(seed: int, steps: int = 6, agents: int = 2) -> Made:
     pose = np.array([0.1, 0.2, 0.03, 1.0, 0.0, 0.0, 0.0])
     names = CAMERAS if agents == 2 else ("head_camera",)
     size = steps + 1, HEIGHT, WIDTH
-    return Made(
+    return SourceEpisode(
         seed,
         np.concatenate([joints, fingers], axis=-1).astype(np.float32),
         rng.normal(size=(steps + 1, agents, 9)).astype(np.float32),
@@ -66,55 +70,57 @@ def made(seed: int, steps: int = 6, agents: int = 2) -> Made:
     )
 
 
-def raw(path: Path, episodes: Sequence[Made], depth: bool = False, surplus: int = 0) -> Path:
-    """The .h5 of ManiSkill's RecordEpisode and the .json beside it.
+def write_raw(path: Path, episodes: Sequence[SourceEpisode], depth: bool = False, surplus: int = 0) -> Path:
+    """Writes the .h5 of ManiSkill's RecordEpisode and the .json beside it.
 
-    Each episode succeeds so many rows before its end.
+    Each episode has `surplus` rows after its first success.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w") as file:
-        for number, one in enumerate(episodes):
+        for number, episode in enumerate(episodes):
             group = file.create_group(f"traj_{number}")
-            several = one.action.shape[1] > 1
-            for arm in range(one.action.shape[1]):
-                name = f"/panda-{arm}" if several else ""
-                group[f"obs/agent{name}/qpos"] = one.qpos[:, arm]
-                group[f"obs/agent{name}/qvel"] = one.qvel[:, arm]
-                group[f"actions{name}"] = one.action[:, arm].astype(np.float64 if several else np.float32)
+            is_multi_arm = episode.action.shape[1] > 1
+            for arm in range(episode.action.shape[1]):
+                name = f"/panda-{arm}" if is_multi_arm else ""
+                group[f"obs/agent{name}/qpos"] = episode.qpos[:, arm]
+                group[f"obs/agent{name}/qvel"] = episode.qvel[:, arm]
+                group[f"actions{name}"] = episode.action[:, arm].astype(
+                    np.float64 if is_multi_arm else np.float32
+                )
                 root = [*position_and_quaternion(BASES[arm]), *[0.0] * 6]
-                state = [np.tile(root, (one.steps + 1, 1)), one.qpos[:, arm], one.qvel[:, arm]]
-                called = f"panda-agent-{arm}" if several else "panda"
-                group[f"env_states/articulations/{called}"] = np.column_stack(state).astype(np.float32)
-            group["env_states/actors/barrier"] = one.barrier
-            group["env_states/actors/ground"] = one.barrier
-            for camera, frames in one.rgb.items():
-                zipped = {"compression": "gzip", "chunks": (1, *frames.shape[1:])}
-                group.create_dataset(f"obs/sensor_data/{camera}/rgb", data=frames, **zipped)
+                state = [np.tile(root, (episode.steps + 1, 1)), episode.qpos[:, arm], episode.qvel[:, arm]]
+                articulation = f"panda-agent-{arm}" if is_multi_arm else "panda"
+                group[f"env_states/articulations/{articulation}"] = np.column_stack(state).astype(np.float32)
+            group["env_states/actors/barrier"] = episode.barrier
+            group["env_states/actors/ground"] = episode.barrier
+            for camera, frames in episode.rgb.items():
+                compression = {"compression": "gzip", "chunks": (1, *frames.shape[1:])}
+                group.create_dataset(f"obs/sensor_data/{camera}/rgb", data=frames, **compression)
                 if depth:
-                    group[f"obs/sensor_data/{camera}/depth"] = one.depth[camera]
-                for key, matrix in parameters(camera).items():
-                    rows = np.tile(matrix.astype(np.float32), (one.steps + 1, 1, 1))
+                    group[f"obs/sensor_data/{camera}/depth"] = episode.depth[camera]
+                for key, matrix in camera_parameters(camera).items():
+                    rows = np.tile(matrix.astype(np.float32), (episode.steps + 1, 1, 1))
                     group[f"obs/sensor_param/{camera}/{key}"] = rows
-            success = np.arange(one.steps) >= one.steps - 1 - surplus
+            success = np.arange(episode.steps) >= episode.steps - 1 - surplus
             group["success"], group["terminated"], group["truncated"] = success, success, success & False
-    described = [
+    metadata = [
         {
             "episode_id": number,
-            "episode_seed": one.seed,
+            "episode_seed": episode.seed,
             "control_mode": "pd_joint_pos",
-            "elapsed_steps": one.steps,
+            "elapsed_steps": episode.steps,
             "success": True,
         }
-        for number, one in enumerate(episodes)
+        for number, episode in enumerate(episodes)
     ]
     kwargs = {"control_mode": "pd_joint_pos", "obs_mode": "rgb"}
     info = {"env_id": "LiftBarrier-rf", "env_kwargs": kwargs, "max_episode_steps": 500}
-    path.with_suffix(".json").write_text(json.dumps({"env_info": info, "episodes": described}))
+    path.with_suffix(".json").write_text(json.dumps({"env_info": info, "episodes": metadata}))
     return path
 
 
-def parameters(camera: str) -> dict[str, NDArray[Any]]:
-    """What ManiSkill records of a camera."""
+def camera_parameters(camera: str) -> dict[str, NDArray[Any]]:
+    """The camera parameters that ManiSkill records."""
     pose = CAMERAS.get(camera, CAMERAS["head_camera_global"]).world_from_camera
     focal = HEIGHT / 2 / np.tan(np.deg2rad(FOV_DEG) / 2)
     intrinsics = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
@@ -122,36 +128,42 @@ def parameters(camera: str) -> dict[str, NDArray[Any]]:
     return {"extrinsic_cv": np.linalg.inv(pose)[:3], "cam2world_gl": gl, "intrinsic_cv": intrinsics}
 
 
-def told(episodes: Sequence[Made]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Commands (T, N, 8) of all episodes, and the row after the last of each."""
-    return np.concatenate([one.action for one in episodes]), np.cumsum([one.steps for one in episodes])
+def stacked_actions(episodes: Sequence[SourceEpisode]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """The actions (T, N, 8) of all episodes, and the end (exclusive) of each."""
+    return np.concatenate([episode.action for episode in episodes]), np.cumsum(
+        [episode.steps for episode in episodes]
+    )
 
 
-def seen(episodes: Sequence[Made], camera: str) -> NDArray[np.uint8]:
-    """(T, 3, H, W) of all episodes, before each action."""
-    return np.moveaxis(np.concatenate([one.rgb[camera][:-1] for one in episodes]), -1, 1)
+def stacked_frames(episodes: Sequence[SourceEpisode], camera: str) -> NDArray[np.uint8]:
+    """The pictures (T, 3, H, W) of all episodes, one before each action."""
+    return np.moveaxis(np.concatenate([episode.rgb[camera][:-1] for episode in episodes]), -1, 1)
 
 
-def zarr_arm(folder: Path, episodes: Sequence[Made], arm: int) -> Path:
-    """The release's Zarr 2 of an arm."""
-    actions, ends = told(episodes)
+def write_arm_zarr(folder: Path, episodes: Sequence[SourceEpisode], arm: int) -> Path:
+    """Writes the Zarr 2 of one arm, as in the release of RoboFactory."""
+    actions, ends = stacked_actions(episodes)
     path = folder / f"LiftBarrier-rf_Agent{arm}_{len(episodes)}.zarr"
     columns = {name: actions[:, arm] for name in ("action", "state", "tcp_action")}
-    return buffer(path, columns, {"head_camera": seen(episodes, f"head_camera_agent{arm}")}, ends)
+    return write_replay_buffer(
+        path, columns, {"head_camera": stacked_frames(episodes, f"head_camera_agent{arm}")}, ends
+    )
 
 
-def zarr_joint(path: Path, episodes: Sequence[Made]) -> Path:
-    """The Zarr 2 of a fork: all arms in one."""
-    actions, ends = told(episodes)
+def write_joint_zarr(path: Path, episodes: Sequence[SourceEpisode]) -> Path:
+    """Writes the Zarr 2 of a fork, with all arms."""
+    actions, ends = stacked_actions(episodes)
     columns = {name: actions.reshape(len(actions), -1) for name in ("action", "state")}
-    frames = {f"head_camera_{arm}": seen(episodes, f"head_camera_agent{arm}") for arm in range(2)}
-    return buffer(path, columns, frames | {"head_camera_global": seen(episodes, "head_camera_global")}, ends)
+    frames = {f"head_camera_{arm}": stacked_frames(episodes, f"head_camera_agent{arm}") for arm in range(2)}
+    return write_replay_buffer(
+        path, columns, frames | {"head_camera_global": stacked_frames(episodes, "head_camera_global")}, ends
+    )
 
 
-def buffer(
+def write_replay_buffer(
     path: Path, columns: Mapping[str, Any], frames: Mapping[str, Any], ends: NDArray[np.int64]
 ) -> Path:
-    """A replay buffer of Diffusion Policy."""
+    """Writes a replay buffer of Diffusion Policy."""
     group = zarr.open_group(path, mode="w", zarr_format=2)
     arrays = {f"data/{name}": rows.astype(np.float32) for name, rows in columns.items()}
     arrays |= {**{f"data/{name}": rows for name, rows in frames.items()}, "meta/episode_ends": ends}
@@ -161,16 +173,18 @@ def buffer(
     return path
 
 
-def lightning(path: Path, episodes: Sequence[Made], channels_first: bool = True) -> Path:
-    """Policy-Lightning's HDF5."""
-    actions, ends = told(episodes)
-    zipped = {"compression": "gzip", "compression_opts": 4}
+def write_lightning(path: Path, episodes: Sequence[SourceEpisode], channels_first: bool = True) -> Path:
+    """Writes Policy-Lightning's HDF5."""
+    actions, ends = stacked_actions(episodes)
+    compression = {"compression": "gzip", "compression_opts": 4}
     with h5py.File(path, "w") as file:
         for arm in range(2):
-            file.create_dataset(f"action_{arm}", data=actions[:, arm], maxshape=(None, 8), **zipped)
-            frames = seen(episodes, f"head_camera_agent{arm}")
+            file.create_dataset(f"action_{arm}", data=actions[:, arm], maxshape=(None, 8), **compression)
+            frames = stacked_frames(episodes, f"head_camera_agent{arm}")
             frames = frames if channels_first else np.moveaxis(frames, 1, -1)
-            file.create_dataset(f"head_cam_{arm}", data=frames, maxshape=(None, *frames.shape[1:]), **zipped)
+            file.create_dataset(
+                f"head_cam_{arm}", data=frames, maxshape=(None, *frames.shape[1:]), **compression
+            )
         file["pointcloud"] = np.zeros((len(actions), 512, 6), np.float32)
-        file.create_dataset("episode_ends", data=ends, **zipped)
+        file.create_dataset("episode_ends", data=ends, **compression)
     return path

@@ -1,4 +1,4 @@
-"""Policies learn from what was imported: `fast` where cameras are known to stand, `paper` always."""
+"""Training on imported demonstrations: `paper` always, `fast` only with known camera poses."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from rf_exp.stages.cell import open_or_create
 from rf_exp.store import Store
 from rf_exp.tasks import Task, stored_task
 from tests.conftest import cell_of, experiment
-from tests.data.release_files import HEIGHT, WIDTH, lightning, made, raw, zarr_arm
+from tests.data.release_files import HEIGHT, WIDTH, source_episode, write_arm_zarr, write_lightning, write_raw
 
-EPISODES = [made(seed, 12) for seed in (2, 3)]
+EPISODES = [source_episode(seed, 12) for seed in (2, 3)]
 SMALL = (
     f"picture={{width: {WIDTH}, height: {HEIGHT}}}",
     "training.batch_size=4",
@@ -26,44 +26,44 @@ FAST = ("policy=fast", "policy.encoder.keypoints.steps=1", "policy.head.refined.
 pytestmark = pytest.mark.slow
 
 
-def imported(tmp_path: Path, kind: str) -> Store:
+def import_source(tmp_path: Path, kind: str) -> Store:
     path = tmp_path / "source"
     if kind == "raw":
-        raw(path / "x.h5", EPISODES)
+        write_raw(path / "x.h5", EPISODES)
     elif kind == "zarr":
         for arm in (0, 1):
-            zarr_arm(path, EPISODES, arm)
+            write_arm_zarr(path, EPISODES, arm)
     else:
         path.mkdir()
-        lightning(path / "x.h5", EPISODES)
+        write_lightning(path / "x.h5", EPISODES)
     import_demonstrations([path], tmp_path / "s.zarr", "lift_barrier")
     return Store.open(tmp_path / "s.zarr")
 
 
 def learn(store: Store, folder: Path, *recipe: str) -> Path:
-    """One step of each fit of the first agent's policy."""
-    asked = experiment(*recipe, *SMALL)
-    view = views(cell_of(asked).arch, store.agents)[0]
-    return train(store, view, asked.policy, asked.training, folder)
+    """Trains the first agent's policy, with one step in each fit."""
+    configured = experiment(*recipe, *SMALL)
+    view = views(cell_of(configured).arch, store.agents)[0]
+    return train(store, view, configured.policy, configured.training, folder)
 
 
 @pytest.mark.parametrize("kind", ["raw", "zarr", "lightning"])
-def test_the_recipe_of_the_paper_learns_from_anything(tmp_path: Path, kind: str) -> None:
-    assert (learn(imported(tmp_path, kind), tmp_path / "policy", "policy=paper") / MODEL).exists()
+def test_the_paper_recipe_trains_on_any_import(tmp_path: Path, kind: str) -> None:
+    assert (learn(import_source(tmp_path, kind), tmp_path / "policy", "policy=paper") / MODEL).exists()
 
 
-def test_our_recipe_learns_from_raw_trajectories(tmp_path: Path) -> None:
-    assert (learn(imported(tmp_path, "raw"), tmp_path / "policy", *FAST) / MODEL).exists()
+def test_the_fast_recipe_trains_on_raw_trajectories(tmp_path: Path) -> None:
+    assert (learn(import_source(tmp_path, "raw"), tmp_path / "policy", *FAST) / MODEL).exists()
 
 
-def test_our_recipe_says_what_a_replay_buffer_lacks(tmp_path: Path) -> None:
-    store = imported(tmp_path, "zarr")
+def test_the_fast_recipe_names_missing_data_of_a_replay_buffer(tmp_path: Path) -> None:
+    store = import_source(tmp_path, "zarr")
     with pytest.raises(ArgumentError, match=r"does not record the base poses of its arms; .*policy=paper"):
         learn(store, tmp_path / "policy", *FAST)
 
 
-def test_scenes_of_others_are_not_made_again(tmp_path: Path, lift_barrier: Task) -> None:
-    store = imported(tmp_path, "zarr")
+def test_scenes_of_imported_stores_are_not_rebuilt(tmp_path: Path, lift_barrier: Task) -> None:
+    store = import_source(tmp_path, "zarr")
     with pytest.raises(ArgumentError, match="the store was imported: its scenes are somebody else's"):
         stored_task(store.identity)
     with pytest.raises(StageError, match="was imported: its scenes cannot be made again"):

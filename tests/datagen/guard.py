@@ -1,4 +1,4 @@
-"""Watches what a process does while it reads what a stranger wrote."""
+"""Audit of this process while it parses untrusted answers."""
 
 import sys
 
@@ -12,7 +12,7 @@ FULL = ConstraintSet("full")
 
 
 class Guard:
-    """Notes whatever is executed, opened for writing or started while it is on."""
+    """Audit hook that records executed code, files opened for writing and new processes while `on` is set."""
 
     WATCHED = frozenset(
         {"exec", "compile", "os.system", "os.exec", "os.posix_spawn", "subprocess.Popen", "import"}
@@ -20,15 +20,15 @@ class Guard:
 
     def __init__(self) -> None:
         self.on, self.seen = False, []
-        sys.addaudithook(self._hook)  # cannot be taken off again, so it is switched
+        sys.addaudithook(self._hook)  # hooks cannot be removed, hence the switch `on`
 
     def _hook(self, event, arguments):
         if self.on and (event in self.WATCHED or (event == "open" and "w" in str(arguments[1]))):
             self.seen.append((event, arguments))
 
-    def prepare(self, sound: str, task: Task) -> None:
-        """Loads what is loaded at first use, and proves that it does see what is executed."""
-        RoboChecker(task, from_json(sound, task), FULL)
+    def prepare(self, valid_answer: str, task: Task) -> None:
+        """Triggers lazy imports with a valid answer, and asserts that the hook records executed code."""
+        RoboChecker(task, from_json(valid_answer, task), FULL)
         self.on = True
         eval("1 + 1")
         self.on = False
@@ -36,7 +36,7 @@ class Guard:
         self.seen.clear()
 
     def digest(self, text: str, task: Task) -> str:
-        """What becomes of an answer up to the check code: a proposal with checks, or a clear reason."""
+        """Parses an answer and compiles its checks; returns 'understood' or the error message."""
         self.on = True
         try:
             proposal = from_json(text, task)

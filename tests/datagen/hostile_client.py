@@ -1,7 +1,7 @@
-"""Asks servers in a process of its own, so that its memory can be measured.
+"""Client of the hostile servers in a separate process, so that its memory can be measured.
 
 Reads a JSON list of [address, number of calls, deadline in seconds] from the standard input; prints a JSON
-list of the outcomes of all calls with their wall time, and the peak of memory, in MB.
+object: `outcomes`, the address, reason and wall time of each call, and `peak_mb`, the peak memory in MB.
 """
 
 import json
@@ -19,8 +19,8 @@ from tests.conftest import CONF, read_task
 from tests.datagen.guard import Guard
 from tests.scenes import start_scene
 
-PLAIN = {"api_key_env": "TEST_KEY", "retries": 0, "restate": False, "exchanges": None}
-LIMIT = 4 * 2**30  # bytes of address space: what fails this test does not take the machine with it
+BASE_OPTIONS = {"api_key_env": "TEST_KEY", "retries": 0, "restate": False, "exchanges": None}
+LIMIT = 4 * 2**30  # bytes of address space, so that a failure does not exhaust the memory of the machine
 
 
 def main() -> None:
@@ -30,12 +30,12 @@ def main() -> None:
     question = Question(task, start_scene(task, 0), {})
     guard.prepare(ScriptedBrain().answer(question), task)
     for number, (url, calls, deadline_s) in enumerate(json.load(sys.stdin)):
-        asked = {"base_url": url, "timeout_s": deadline_s, "deadline_s": deadline_s, "budget": calls}
-        spec = read_brain(yaml.safe_load((CONF / "brain/openai.yaml").read_text()) | PLAIN | asked)
+        options = {"base_url": url, "timeout_s": deadline_s, "deadline_s": deadline_s, "budget": calls}
+        spec = read_brain(yaml.safe_load((CONF / "brain/openai.yaml").read_text()) | BASE_OPTIONS | options)
         brain = spec.make(task, ConstraintSet("full"), 0)
         for _ in range(calls):
             began = time.perf_counter()
-            guard.on = number > 0  # the first server is asked to load what is loaded once
+            guard.on = number > 0  # calls to the first server import lazily loaded modules
             try:
                 text = brain.answer(question)
             except BadAnswer as error:
@@ -46,7 +46,7 @@ def main() -> None:
             guard.on = False
             assert not guard.seen, guard.seen
             outcomes.append({"url": url, "reason": reason, "wall_s": time.perf_counter() - began})
-    # The highest since this program was loaded; `ru_maxrss` begins with that of the process that started it.
+    # The peak since the start of this program; `ru_maxrss` begins with that of the parent process.
     peak_kb = next(line for line in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in line)
     peak_mb = int(peak_kb.split()[1]) / 1024
     print(json.dumps({"outcomes": outcomes, "peak_mb": peak_mb}))

@@ -1,4 +1,4 @@
-"""A server on loopback that speaks chat completions and can misbehave in every way that matters."""
+"""Chat completion server on the loopback interface that can simulate misbehaviour."""
 
 import json
 import threading
@@ -11,7 +11,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Reply:
-    """One answer of the server, down to how it is sent."""
+    """One HTTP reply and how it is sent."""
 
     body: bytes
     status: int = 200
@@ -19,7 +19,7 @@ class Reply:
     delay_s: float = 0.0  # before anything is sent
     cut_after: int | None = None  # bytes of the body, then the connection is closed
     drip_s: float = 0.0  # between single bytes of the body
-    endless: bytes = b""  # sent after the body, again and again
+    endless: bytes = b""  # sent repeatedly after the body
 
 
 def completion(
@@ -30,7 +30,7 @@ def completion(
     more: Mapping[str, object] | None = None,
     **keywords,
 ) -> Reply:
-    """A chat completion with that text, or parts; `more` stands beside it in the message."""
+    """A chat completion with a text, or parts, as content; `more` holds further fields of the message."""
     message = {"role": "assistant", "content": content, "refusal": refusal, **(more or {})}
     choice = {"index": 0, "message": message, "finish_reason": finish}
     body = {"id": "1", "object": "chat.completion", "created": 0, "model": "test", "choices": [choice]}
@@ -38,12 +38,12 @@ def completion(
 
 
 def failure(status: int, message: str, **headers: str) -> Reply:
-    """An error in the protocol's own form."""
+    """An error reply in the format of the protocol."""
     return Reply(json.dumps({"error": {"message": message}}).encode(), status, headers)
 
 
 class LanguageServer:
-    """Answers the k-th request with the k-th reply, and with the last one from there on."""
+    """Server that answers the k-th request with the k-th reply, and further ones with the last reply."""
 
     def __init__(self, replies: Sequence[Reply] = ()) -> None:
         self.replies = list(replies)
@@ -62,7 +62,7 @@ class LanguageServer:
                 outer.keys.append(self.headers.get("Authorization", ""))
                 self._send(outer.replies[min(len(outer.requests), len(outer.replies)) - 1])
 
-            do_GET = do_POST  # what a redirect may make of it
+            do_GET = do_POST  # a client may turn POST into GET after a redirect
 
             def _send(self, reply: Reply) -> None:
                 self.close_connection = True
@@ -94,7 +94,7 @@ class LanguageServer:
             daemon_threads = True
 
             def handle_error(self, request: object, client_address: object) -> None:
-                pass  # clients that hang up early are part of the tests
+                pass  # some tests close the connection early
 
         self.closing = threading.Event()
         self._server = Server(("127.0.0.1", 0), Handler)

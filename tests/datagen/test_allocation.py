@@ -1,4 +1,4 @@
-"""Subgoals of anybody: who is chosen for them, and what cannot be left open."""
+"""Allocation of jobs of `Anybody`: the chosen agents, and errors of jobs that need a named agent."""
 
 import json
 from dataclasses import replace
@@ -24,11 +24,11 @@ def pool() -> Task:
     return task
 
 
-def fetched(agent: int, cube: str, goal: str) -> tuple[Subgoal, Subgoal]:
+def fetch_subgoals(agent: int, cube: str, goal: str) -> tuple[Subgoal, Subgoal]:
     return Subgoal(agent, "grasp", cube, "center"), Subgoal(agent, "place", cube, target=goal)
 
 
-def test_an_answer_may_leave_open_who_does_a_job() -> None:
+def test_an_answer_may_leave_the_agent_of_a_job_open() -> None:
     task = pool()
     scene = start_scene(task, 0)
     proposal = task.module.plan(scene, task)
@@ -54,34 +54,34 @@ def test_an_agent_that_is_counted_from_zero_is_not_anybody() -> None:
         read("Agent_0 must grasp cube1 at its center point.", pool().vocabulary)
 
 
-def test_everything_gets_an_agent_and_constraints_follow() -> None:
+def test_every_job_gets_an_agent_and_constraints_are_adapted() -> None:
     task = pool()
     scene = start_scene(task, 0)
     found = allocate_jobs(task.module.plan(scene, task), task, scene, LIMITS)
-    who = {each.object: each.agent for each in found.subgoals}
-    assert set(who.values()) == set(task.agents) and len(who) == 4
-    assert all(who[each.object] == each.agent for each in found.subgoals)
+    agents = {each.object: each.agent for each in found.subgoals}
+    assert set(agents.values()) == set(task.agents) and len(agents) == 4
+    assert all(agents[each.object] == each.agent for each in found.subgoals)
     stated = {each for each in found.constraints if isinstance(each, ContactAt)}
-    assert stated == {ContactAt(agent, "grasp", str(name), "center") for name, agent in who.items()}
+    assert stated == {ContactAt(agent, "grasp", str(name), "center") for name, agent in agents.items()}
     assert allocate_jobs(found, task, scene, LIMITS) == found
 
 
-def test_who_has_more_to_do_is_given_less() -> None:
-    """Of two arms that could do a job the one that has been told another does not get it."""
+def test_busy_agents_get_fewer_jobs() -> None:
+    """If two arms could do a job, the one with another job does not get it."""
     task = pool()
     scene = start_scene(task, 0)
-    alone = allocate_jobs(Proposal(fetched(ANY_AGENT, "cube1", "goal1"), ()), task, scene, LIMITS)
-    near = alone.subgoals[0].agent
-    busy = (*fetched(near, "cube4", "goal4"), *fetched(ANY_AGENT, "cube1", "goal1"))
+    alone = allocate_jobs(Proposal(fetch_subgoals(ANY_AGENT, "cube1", "goal1"), ()), task, scene, LIMITS)
+    nearest = alone.subgoals[0].agent
+    busy = (*fetch_subgoals(nearest, "cube4", "goal4"), *fetch_subgoals(ANY_AGENT, "cube1", "goal1"))
     other = allocate_jobs(Proposal(busy, ()), task, scene, LIMITS)
-    assert {each.agent for each in other.subgoals if each.object == "cube1"} != {near}
+    assert {each.agent for each in other.subgoals if each.object == "cube1"} != {nearest}
 
 
-def test_an_order_of_what_one_agent_does_is_no_constraint() -> None:
-    """One that is kept by the agents it falls to stays, with them."""
+def test_an_order_of_jobs_of_one_agent_is_dropped() -> None:
+    """Between different agents the order remains, with the chosen agents."""
     task = pool()
     scene = start_scene(task, 0)
-    subgoals = (*fetched(ANY_AGENT, "cube1", "goal1"), *fetched(ANY_AGENT, "cube2", "goal2"))
+    subgoals = (*fetch_subgoals(ANY_AGENT, "cube1", "goal1"), *fetch_subgoals(ANY_AGENT, "cube2", "goal2"))
     order = Before(Step(ANY_AGENT, "place", "cube1"), Step(ANY_AGENT, "place", "cube2"))
     found = allocate_jobs(Proposal(subgoals, (order,)), task, scene, LIMITS)
     first, second = (found.subgoals[k].agent for k in (0, 2))
@@ -104,18 +104,18 @@ def test_an_order_of_what_one_agent_does_is_no_constraint() -> None:
             "anybody cannot home: what anybody may do begins with grasp or press; say which agent goes on",
         ),
         (
-            fetched(ANY_AGENT, "cube1", "goal1"),
+            fetch_subgoals(ANY_AGENT, "cube1", "goal1"),
             (ContactAt(ANY_AGENT, "grasp", "cube2", "center"),),
             "constraint 'Anybody must grasp cube2 at its center point.': it is about anybody, and no agent",
         ),
         (
-            fetched(1, "cube1", "goal1"),
+            fetch_subgoals(1, "cube1", "goal1"),
             (ContactAt(ANY_AGENT, "grasp", "cube2", "center"),),
             "is about anybody, but the plan says who does what; name the agent",
         ),
     ],
 )
-def test_what_cannot_be_left_open(subgoals, constraints, message) -> None:
+def test_jobs_that_need_a_named_agent_are_refused(subgoals, constraints, message) -> None:
     task = pool()
     with pytest.raises(BadAnswer) as error:
         allocate_jobs(Proposal(subgoals, constraints), task, start_scene(task, 0), LIMITS)
@@ -134,13 +134,13 @@ def planned(scene: Scene, proposal: Proposal) -> Planned | Violation | None:
     return Planner(settings, Brain()).plan(Question(task, scene, {}), scene, np.random.default_rng(0))
 
 
-def test_a_job_that_nobody_can_reach_is_a_violation_that_says_so() -> None:
+def test_a_job_out_of_reach_of_all_agents_is_a_violation() -> None:
     task = pool()
     scene = start_scene(task, 0)
     far = scene.poses["cube1"].copy()
     far[:2, 3] = (1.3, 1.3)
     scene = replace(scene, poses={**scene.poses, "cube1": far})
-    found = planned(scene, Proposal(fetched(ANY_AGENT, "cube1", "goal1"), ()))
+    found = planned(scene, Proposal(fetch_subgoals(ANY_AGENT, "cube1", "goal1"), ()))
     assert isinstance(found, Violation) and found.finding is Finding.NOBODY
     assert found.sentence == (
         "none of [Agent_1, Agent_2, Agent_3] can grasp cube1 at center and place cube1 to goal1: out of reach"
@@ -148,10 +148,10 @@ def test_a_job_that_nobody_can_reach_is_a_violation_that_says_so() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_planned_names_those_who_were_chosen() -> None:
+def test_a_plan_names_the_chosen_agents() -> None:
     task = pool()
     scene = start_scene(task, 0)
-    jobs = (*fetched(ANY_AGENT, "cube1", "goal1"), *fetched(ANY_AGENT, "cube2", "goal2"))
+    jobs = (*fetch_subgoals(ANY_AGENT, "cube1", "goal1"), *fetch_subgoals(ANY_AGENT, "cube2", "goal2"))
     found = planned(scene, Proposal(jobs, (*grasping(jobs), *keep_clear(task.agents))))
     assert isinstance(found, Planned)
     assert {each.agent for each in found.proposal.subgoals} <= set(task.agents)

@@ -1,4 +1,4 @@
-"""The paper's JSON, and which RoboBrain speaks it: every way in which either can be wrong."""
+"""Answers in the paper's JSON, and the configuration of brains: parsing and all errors."""
 
 import json
 import pickle
@@ -38,7 +38,7 @@ def test_scripted_plan_survives_the_round_trip(task):
     scene = start_scene(task, 0)
     text = ScriptedBrain().answer(Question(task, scene, {}))
     proposal, plan = from_json(text, task), task.module.plan(scene, task)
-    # The paper's JSON lists subgoals by agent and constraints by kind; within each the order is kept.
+    # The paper's JSON lists subgoals by agent and constraints by kind, and keeps the order within each.
     assert [proposal.subgoals_of(agent) for agent in task.agents] == [
         plan.subgoals_of(agent) for agent in task.agents
     ]
@@ -61,7 +61,7 @@ def test_answer_has_the_papers_structure(lift_barrier):
 HOLD = '{"Subgoals": {"Agent_1": "hold"}}'
 ENTRY = '{"Subgoals": {"Agent_1": "hold"}, "Constraints": {"Logical": [{"Agent": "Agent_1", %s}]}}'
 BAD = [
-    # what there is instead of the paper's JSON
+    # text that is not the paper's JSON
     ("", "not the expected JSON: it is empty"),
     ("not json", "not the expected JSON: there is no JSON in it, only text that begins 'not json'"),
     ("I'm sorry, but I can't help with that.", "the model refuses: I'm sorry, but I can't help with that."),
@@ -80,7 +80,7 @@ BAD = [
     (HOLD + '{"Constraints": ', "beside a whole object, it is cut off"),
     ('{"a":' * 20_000, "it is nested too deeply"),
     (HOLD + " " * 200_000, "the answer has 200033 characters; an answer has up to 200000"),
-    # keys that matter
+    # unknown and repeated keys
     ('{"Subgoals": {"Agent_1": "hold"}, "Constraint": "none"}', "the key 'Constraint' is not understood"),
     ('{"Subgoals": {"Agent_1": "hold"}, "Spatial": []}', "the key 'Spatial' is not understood; known: Subg"),
     ('{"Subgoals": {"Agent_1": "hold"}, "Rules": ["x"]}', "the key 'Rules' is not understood"),
@@ -97,7 +97,7 @@ BAD = [
      "no object 'lamp' in subgoal 'grasp lamp at left' of Agent_1; available: bar"),
     ('{"Subgoals": {"Agent_1": "grasp barrier at top"}}', "no interaction point 'top'; available: left"),
     ('{"Subgoals": {"Agent_1": "lift barrier"}}', "lacks height_m"),
-    # parts, kinds and numbers of subgoals
+    # parts, verbs and numbers of subgoals
     ('{"Subgoals": {"Agent_1": "home barrier"}}', "has object, which home has no use for; forms: grasp"),
     ('{"Subgoals": {"Agent_1": "lift barrier to goal by 0.1 m"}}', "has target, which lift has no use for"),
     ('{"Subgoals": {"Agent_1": "press barrier at left"}}', "the point left is to grasp; points of barrier to "
@@ -111,7 +111,7 @@ BAD = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("answer", "message"), BAD)
-def test_bad_answers_say_what_is_wrong(answer, message, lift_barrier):
+def test_errors_of_bad_answers_name_the_problem(answer, message, lift_barrier):
     with pytest.raises(BadAnswer, match=re.escape(message)):
         from_json(answer, lift_barrier)
 
@@ -144,15 +144,15 @@ READ = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", READ)
-def test_the_answer_is_found_in_what_models_write(way, lift_barrier):
+def test_the_answer_is_extracted_from_the_text_of_a_model(way, lift_barrier):
     proposal = from_json(READ[way], lift_barrier)
     assert proposal.subgoals == (Subgoal(1, "hold"),)
-    said = [Deadline(Step(1), 9.0)]
-    assert list(proposal.constraints) == (said if "Constraints" in READ[way] else [])
+    expected = [Deadline(Step(1), 9.0)]
+    assert list(proposal.constraints) == (expected if "Constraints" in READ[way] else [])
 
 
-def test_an_agent_has_as_many_subgoals_as_the_task_has_use_for(task):
-    """Scripted plans are far below the limit; one more than it is refused."""
+def test_the_number_of_subgoals_of_an_agent_is_limited(task):
+    """Scripted plans have at most half of the limit; one subgoal beyond it is refused."""
     plan = task.module.plan(start_scene(task, 0), task)
     max_count = max_subgoals(task)
     assert max(len(plan.subgoals_of(agent)) for agent in task.agents) <= max_count / 2
@@ -173,7 +173,7 @@ def test_any_text_is_an_answer_or_a_clear_error(text):
             assert str(error)
 
 
-def test_empty_proposal_means_nothing_left_to_do(lift_barrier):
+def test_an_empty_proposal_means_that_the_task_is_done(lift_barrier):
     assert from_json(to_json(Proposal((), ())), lift_barrier).subgoals == ()
 
 
@@ -194,11 +194,11 @@ def test_verbs_and_their_parts(lift_barrier):
         read_subgoal(1, "strike hammer to cube", hammer.vocabulary)
 
 
-# -- which brain ---------------------------------------------------------------------------------------
+# -- configuration of brains ---------------------------------------------------------------------------
 
 
-def composed(*overrides: str) -> dict[str, Any]:
-    """The brain's part of the configuration, as a run gets it."""
+def brain_config(*overrides: str) -> dict[str, Any]:
+    """The configuration of the brain as in a run."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
         brain: Any = OmegaConf.to_container(compose("config", list(overrides)).brain, resolve=True)
     return brain
@@ -215,10 +215,12 @@ def composed(*overrides: str) -> dict[str, Any]:
         "random": RandomSpec,
     }.items(),
 )
-def test_every_file_makes_a_brain_that_can_travel(name, kind, lift_barrier, monkeypatch, tmp_path):
+def test_every_configuration_makes_a_brain_that_can_be_pickled(
+    name, kind, lift_barrier, monkeypatch, tmp_path
+):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-some-key")
     (tmp_path / "exchanges" / "openai+gpt-4o" / "lift_barrier" / "full").mkdir(parents=True)
-    spec = read_brain(composed(f"brain={name}", f"out={tmp_path}"))
+    spec = read_brain(brain_config(f"brain={name}", f"out={tmp_path}"))
     assert isinstance(spec, kind) and spec.name == name
     brain = pickle.loads(pickle.dumps(spec)).make(lift_barrier, ConstraintSet("full"), 3)
     assert brain.name == name
@@ -227,14 +229,20 @@ def test_every_file_makes_a_brain_that_can_travel(name, kind, lift_barrier, monk
 
 
 @pytest.mark.slow
-def test_options_are_what_decides_the_answers():
-    chosen = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.timeout_s=9"))
-    patient = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.retries=9"))
-    other = read_brain(composed("brain=openai", "brain.model=b", "brain.temperature=1"))
+def test_the_identity_holds_the_options_that_affect_answers():
+    chosen = read_brain(
+        brain_config("brain=openai", "brain.model=a", "brain.temperature=1", "brain.timeout_s=9")
+    )
+    patient = read_brain(
+        brain_config("brain=openai", "brain.model=a", "brain.temperature=1", "brain.retries=9")
+    )
+    other = read_brain(brain_config("brain=openai", "brain.model=b", "brain.temperature=1"))
     assert chosen.identity == patient.identity != other.identity
-    slashed = read_brain(composed("brain=openai", "brain.model='maker/b:free'"))
+    slashed = read_brain(brain_config("brain=openai", "brain.model='maker/b:free'"))
     assert (other.label, slashed.label) == ("openai+b", "openai+maker-b-free")
-    assert read_brain(composed("brain=faulty", "brain.fault=wrong_agent")).identity["fault"] == "wrong_agent"
+    assert (
+        read_brain(brain_config("brain=faulty", "brain.fault=wrong_agent")).identity["fault"] == "wrong_agent"
+    )
 
 
 @pytest.mark.parametrize(
@@ -247,7 +255,7 @@ def test_options_are_what_decides_the_answers():
         ({"name": "openai", "model": 3}, "brain 'openai': .*model"),
     ],
 )
-def test_a_brain_that_cannot_be_read_names_what_is_wrong(node, message):
+def test_errors_of_brain_configurations_name_the_problem(node, message):
     with pytest.raises(ArgumentError, match=message):
         read_brain(node)
 
@@ -264,9 +272,9 @@ def test_a_brain_that_cannot_be_read_names_what_is_wrong(node, message):
         ("structured", False, "use brain.structured=true or brain.enumerated=false"),
     ],
 )
-def test_options_that_cannot_be_used_are_refused(key, value, message):
+def test_unusable_options_are_refused(key, value, message):
     with pytest.raises(ArgumentError, match=re.escape(message)):
-        read_brain(composed("brain=openai") | {"enumerated": True, key: value})
+        read_brain(brain_config("brain=openai") | {"enumerated": True, key: value})
 
 
 SECRET = "sk-live-abcdefgh12345678"
@@ -284,7 +292,7 @@ SECRET = "sk-live-abcdefgh12345678"
 )
 def test_a_key_in_the_configuration_is_refused_without_repeating_it(key, value):
     for attempt in (
-        lambda: read_brain(composed("brain=openai") | {key: value}),
+        lambda: read_brain(brain_config("brain=openai") | {key: value}),
         lambda: refuse_keys(["stages=[generate]", f"+brain.{key}={value}"]),
         lambda: refuse_keys([f"++brain.{key}='{value}'"]),
     ):

@@ -1,4 +1,4 @@
-"""Named faults: found before anything moves, explained, and repaired, in the real simulator."""
+"""Named faults of plans: detected before any motion, explained and repaired, in the real simulator."""
 
 from functools import cache
 
@@ -26,8 +26,8 @@ from tests.scenes import rejection, start_scene
 FULL = ConstraintSet("full")
 
 
-class Watcher(NullObserver):
-    """Notes what moved, and what was rejected after how many steps."""
+class StepRecorder(NullObserver):
+    """Observer that records the number of steps, and the violations with the step at which each occurred."""
 
     def __init__(self):
         self.rejected_at, self.reasons, self.steps = [], [], 0
@@ -45,7 +45,7 @@ class Watcher(NullObserver):
 
 
 @pytest.fixture(scope="module")
-def worlds():
+def simulators():
     with (
         Simulator(read_task("lift_barrier"), render=False) as lift,
         Simulator(read_task("place_food"), render=False) as place,
@@ -53,18 +53,18 @@ def worlds():
         yield {"lift_barrier": lift, "place_food": place}
 
 
-def make(world, fault):
-    watcher, brain = Watcher(), FaultyBrain(fault, seed=0)
+def make_faulty(world, fault):
+    recorder, brain = StepRecorder(), FaultyBrain(fault, seed=0)
     outcome = EpisodeGenerator(
-        Settings.configured(world.task, FULL, FaultySpec(fault)), world, brain, watcher
+        Settings.configured(world.task, FULL, FaultySpec(fault)), world, brain, recorder
     ).make(0)
-    return outcome, watcher, brain
+    return outcome, recorder, brain
 
 
 @pytest.fixture(scope="module")
-def tried(worlds):
-    """`make` of the task of a name, once however many tests ask for the same fault."""
-    return cache(lambda name, fault: make(worlds[name], fault))
+def cached_outcome(simulators):
+    """`make_faulty` by task name and fault, cached for tests that share a fault."""
+    return cache(lambda name, fault: make_faulty(simulators[name], fault))
 
 
 def faults_of(name, breaks):
@@ -83,12 +83,12 @@ CASES += [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "fault"), CASES)
-def test_a_fault_that_breaks_something_is_found_before_it_moves_and_repaired(name, fault, tried):
-    outcome, watcher, brain = tried(name, fault)
+def test_a_fault_that_breaks_a_rule_is_found_before_motion_and_repaired(name, fault, cached_outcome):
+    outcome, recorder, brain = cached_outcome(name, fault)
     assert brain.inserted and outcome.success and outcome.attempts == 2
-    (stopped_at,) = watcher.rejected_at
-    assert stopped_at in (0, *watcher.planned_at)  # nothing moved between the proposal and its rejection
-    assert watcher.reasons[0]
+    (stopped_at,) = recorder.rejected_at
+    assert stopped_at in (0, *recorder.planned_at)  # nothing moved between the proposal and its rejection
+    assert recorder.reasons[0]
 
 
 REASONS = {
@@ -108,20 +108,20 @@ REASONS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", REASONS)
-def test_the_reason_speaks_of_the_fault(fault, tried):
-    _, watcher, _ = tried("lift_barrier", fault)
-    assert REASONS[fault] in watcher.reasons[0]
+def test_the_reason_describes_the_fault(fault, cached_outcome):
+    _, recorder, _ = cached_outcome("lift_barrier", fault)
+    assert REASONS[fault] in recorder.reasons[0]
 
 
 @pytest.mark.slow
-def test_a_constraint_left_out_is_made_up_for(tried):
-    outcome, watcher, brain = tried("lift_barrier", "missing_constraint")
-    assert brain.inserted and outcome.success and not watcher.reasons
+def test_a_missing_constraint_causes_no_rejection(cached_outcome):
+    outcome, recorder, brain = cached_outcome("lift_barrier", "missing_constraint")
+    assert brain.inserted and outcome.success and not recorder.reasons
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_applies_somewhere_and_says_what_it_breaks(fault):
+def test_every_fault_applies_to_some_scene_and_is_documented(fault):
     assert (FAULTS[fault].insert.__doc__ or "").endswith(".")
     lift = read_task("lift_barrier")
     held = start_scene(lift, 0)
@@ -131,18 +131,18 @@ def test_every_fault_applies_somewhere_and_says_what_it_breaks(fault):
     assert any(fault_applies(fault, task, scene) for task, scene in scenes)
 
 
-def test_a_fault_where_it_applies_changes_the_plan_the_same_way_for_a_seed(task):
-    """A law of the suite: no fault crashes on any task, and a seed decides what it does."""
+def test_an_applicable_fault_changes_the_plan_and_is_determined_by_the_seed(task):
+    """Holds for all tasks: no fault crashes, and the seed determines the changed plan."""
     scene = start_scene(task, 0)
-    sound = task.module.plan(scene, task)
+    correct_plan = task.module.plan(scene, task)
     for fault in FAULTS.values():
         question = Question(task, scene, {})
-        first, second = (fault.change(sound, question, np.random.default_rng(3)) for _ in range(2))
-        assert first == second and first != sound
+        first, second = (fault.change(correct_plan, question, np.random.default_rng(3)) for _ in range(2))
+        assert first == second and first != correct_plan
 
 
-def test_a_fault_is_refused_for_the_tasks_that_have_no_place_for_it(task):
-    """Every fault either has a place in the plans of a task or is refused, with those that have one."""
+def test_a_fault_is_refused_for_tasks_to_which_it_does_not_apply(task):
+    """Every fault applies to the plans of a task or is refused; the error lists those that apply."""
     known = faults_for(task)
     assert known
     for fault in FAULTS:
@@ -156,19 +156,19 @@ def test_a_fault_is_refused_for_the_tasks_that_have_no_place_for_it(task):
             f"those that have: {', '.join(known)}"
         )
     scenes = [start_scene(task, seed) for seed in range(10, 20)]
-    rooms = {tuple(fault for fault in FAULTS if fault_applies(fault, task, scene)) for scene in scenes}
-    assert len(rooms) == 1, "whether a fault applies depends on the scene"
-    assert set(rooms.pop()) <= set(known)
+    applicable = {tuple(fault for fault in FAULTS if fault_applies(fault, task, scene)) for scene in scenes}
+    assert len(applicable) == 1, "whether a fault applies depends on the scene"
+    assert set(applicable.pop()) <= set(known)
 
 
-def test_a_fault_that_applies_later_in_the_episode_has_a_place():
-    """Lifts are proposed once the barrier is held."""
+def test_a_fault_that_applies_later_in_the_episode_is_accepted():
+    """Lifts are proposed only once the barrier is held."""
     lift = read_task("lift_barrier")
     assert not fault_applies("uneven_height", lift, start_scene(lift, 0))
     assert "uneven_height" in faults_for(lift)
 
 
-def test_an_experiment_with_a_fault_that_has_no_place_is_refused_before_work():
+def test_an_experiment_with_an_inapplicable_fault_is_refused_at_once():
     with pytest.raises(
         ArgumentError, match=r"brain.fault=wrong_point has no place in the plans of place_food"
     ):
@@ -178,7 +178,7 @@ def test_an_experiment_with_a_fault_that_has_no_place_is_refused_before_work():
 
 
 @pytest.mark.slow
-def test_a_fault_that_was_never_planted_counts_as_such():
+def test_a_fault_that_was_never_inserted_is_reported():
     settings = Settings.configured(read_task("stack_cube"), FULL, FaultySpec("wrong_point"))
     outcome = make_episode(settings, NO_PICTURES, 0)
     assert not outcome.success and outcome.episode is None
@@ -187,39 +187,39 @@ def test_a_fault_that_was_never_planted_counts_as_such():
 
 
 @pytest.mark.parametrize("name", ["pass_shoe", "long_pipeline_delivery"])
-def test_a_forbidden_zone_is_where_the_agent_really_has_to_go(name):
-    """Not where the object stands before another agent brings it: nobody would have to enter that."""
+def test_a_forbidden_zone_is_on_the_way_of_the_agent(name):
+    """Not where an object starts that another agent brings: no agent would have to enter that zone."""
     task = read_task(name)
     scene = start_scene(task, 0)
-    sound, brought = task.module.plan(scene, task), set()
-    for constraint in sound.constraints:
+    correct_plan, brought = task.module.plan(scene, task), set()
+    for constraint in correct_plan.constraints:
         if isinstance(constraint, Before) and constraint.first.object == constraint.then.object:
             brought.add((constraint.then.agent, constraint.then.object))
     assert brought
     for seed in range(20):
         question, rng = Question(task, scene, {}), np.random.default_rng(seed)
-        changed = FAULTS["forbidden_zone"].change(sound, question, rng)
+        changed = FAULTS["forbidden_zone"].change(correct_plan, question, rng)
         assert changed is not None
         (agent,) = changed.constraints[-1].agents
-        objects = {s.object for s in sound.subgoals_of(agent) if s.verb in ("grasp", "press", "shut")}
+        objects = {s.object for s in correct_plan.subgoals_of(agent) if s.verb in ("grasp", "press", "shut")}
         assert not {(agent, name) for name in objects} <= brought
 
 
 def test_after_feedback_it_answers_as_scripted(lift_barrier):
     scene = start_scene(lift_barrier, 0)
     brain = FaultySpec("wrong_point").make(lift_barrier, FULL, 0)
-    sound = lift_barrier.module.plan(scene, lift_barrier)
+    correct_plan = lift_barrier.module.plan(scene, lift_barrier)
     first = from_json(brain.answer(Question(lift_barrier, scene, {})), lift_barrier)
-    assert first != sound and first.constraints == sound.constraints
+    assert first != correct_plan and first.constraints == correct_plan.constraints
     found = rejection(lift_barrier, "wrong_point")
     assert found.check is CheckName.CODE and found.cause is Cause.ANSWER and not found.measured
     second = Question(lift_barrier, scene, {}, feedback=(found,))
-    assert from_json(brain.answer(second), lift_barrier) == sound
+    assert from_json(brain.answer(second), lift_barrier) == correct_plan
 
 
 @pytest.mark.slow
 def test_only_the_first_feedback_is_about_the_fault():
-    """It names two arms, as many faults do: nobody draws aside because of it. Later feedback counts."""
+    """It names two arms, as for many faults, but neither moves aside; later feedback has an effect."""
     task = read_task("three_robots_stack_cube")
     scene, brain = start_scene(task, 0), FaultySpec("through_arm").make(task, FULL, 0)
     brain.answer(Question(task, scene, {}))
@@ -228,8 +228,8 @@ def test_only_the_first_feedback_is_about_the_fault():
     assert found.cause is Cause.SPACE and len(found.agents) == 2
     later = Question(task, scene, {}, feedback=(found,))
     assert from_json(brain.answer(later), task) == task.module.plan(scene, task)
-    (leaves,) = from_json(brain.answer(later), task).subgoals
-    assert leaves.verb == "aside" and leaves.agent in found.agents
+    (aside,) = from_json(brain.answer(later), task).subgoals
+    assert aside.verb == "aside" and aside.agent in found.agents
 
 
 def test_the_documentation_lists_every_fault():
@@ -237,14 +237,14 @@ def test_the_documentation_lists_every_fault():
     assert {fault for fault in FAULTS if any(row.startswith(f"| `{fault}`") for row in rows)} == set(FAULTS)
 
 
-def test_an_unknown_fault_names_those_there_are():
+def test_an_unknown_fault_error_lists_the_known_faults():
     with pytest.raises(ArgumentError, match="unknown fault 'bad_luck'; available: circular_order, forb"):
         FaultySpec("bad_luck")
 
 
 @pytest.mark.slow
-def test_every_sentence_of_plans_and_faults_says_its_statement(task):
-    """Over all tasks: what plans and faults state is read again as what it was."""
+def test_every_sentence_of_plans_and_faults_is_parsed_to_its_statement(task):
+    """For all tasks: the sentences of constraints of plans and faults are parsed to the same constraints."""
     scene = start_scene(task, 0)
     plan = task.module.plan(scene, task)
     changed = (f.change(plan, Question(task, scene, {}), np.random.default_rng(0)) for f in FAULTS.values())

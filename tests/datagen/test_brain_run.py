@@ -1,4 +1,4 @@
-"""The whole command with a model: recorded, repeated without it, and the key nowhere below outputs."""
+"""Complete runs with a language model: recording, replay without the model, and no API key below outputs."""
 
 import json
 import os
@@ -35,11 +35,11 @@ def run(*arguments, key=KEY):
     )
 
 
-def holds(folder, text):
+def files_containing(folder, text):
     return [path for path in folder.rglob("*") if path.is_file() and text.encode() in path.read_bytes()]
 
 
-def episodes_of(task, count):
+def episode_replies(task, count):
     scene = start_scene(task, 0)
     proposals = [
         task.module.plan(each, task) for each in (scene, replace(scene, held=("barrier", "barrier")))
@@ -48,15 +48,15 @@ def episodes_of(task, count):
 
 
 @pytest.mark.slow
-def test_a_run_with_a_model_is_repeated_without_it_and_keeps_no_key(lift_barrier, tmp_path):
-    live, again = tmp_path / "live", tmp_path / "again"
-    with LanguageServer([failure(401, f"wrong key {KEY}"), *episodes_of(lift_barrier, 2)]) as server:
-        asked = run(*GENERATE, "brain=openai", f"brain.base_url={server.url}", f"out={live}")
-    assert asked.returncode == 0, asked.stderr
+def test_a_run_with_a_model_is_replayed_without_it_and_stores_no_key(lift_barrier, tmp_path):
+    live_folder, replay_folder = tmp_path / "live", tmp_path / "again"
+    with LanguageServer([failure(401, f"wrong key {KEY}"), *episode_replies(lift_barrier, 2)]) as server:
+        live_run = run(*GENERATE, "brain=openai", f"brain.base_url={server.url}", f"out={live_folder}")
+    assert live_run.returncode == 0, live_run.stderr
     assert set(server.keys) == {f"Bearer {KEY}"}
     rows = [
         json.loads(line)
-        for line in (live / "results/generate/lift_barrier/full-disturbed-by-openai+gpt-4o.jsonl")
+        for line in (live_folder / "results/generate/lift_barrier/full-disturbed-by-openai+gpt-4o.jsonl")
         .read_text()
         .splitlines()
     ]
@@ -64,29 +64,34 @@ def test_a_run_with_a_model_is_repeated_without_it_and_keeps_no_key(lift_barrier
         ("openai+gpt-4o", True, 2),
         ("openai+gpt-4o", True, 1),
     ]
-    said = [[(each["round"], each["code"]) for each in row["dialogue"]["answers"]] for row in rows]
-    assert said == [[(1, "unreached"), (1, ""), (2, ""), (3, "")], [(1, ""), (2, ""), (3, "")]]
-    assert "1 repairs, 1 refusals: unreached 1" in asked.stdout
-    assert f"exchanges in {live}/exchanges/openai+gpt-4o/lift_barrier/full" in asked.stdout
-    assert len(server.requests) == 7  # the recording made the first episode again without asking
-    assert (live / "recordings/lift_barrier/full/generate-fast-by-openai+gpt-4o-0.rrd").exists()
-    assert holds(live, "wrong key [key]") and not holds(live, KEY)
-    assert KEY not in asked.stdout + asked.stderr
+    answers = [[(each["round"], each["code"]) for each in row["dialogue"]["answers"]] for row in rows]
+    assert answers == [[(1, "unreached"), (1, ""), (2, ""), (3, "")], [(1, ""), (2, ""), (3, "")]]
+    assert "1 repairs, 1 refusals: unreached 1" in live_run.stdout
+    assert f"exchanges in {live_folder}/exchanges/openai+gpt-4o/lift_barrier/full" in live_run.stdout
+    assert len(server.requests) == 7  # the recording repeated the first episode without requests
+    assert (live_folder / "recordings/lift_barrier/full/generate-fast-by-openai+gpt-4o-0.rrd").exists()
+    assert files_containing(live_folder, "wrong key [key]") and not files_containing(live_folder, KEY)
+    assert KEY not in live_run.stdout + live_run.stderr
 
     replayed = run(
-        *GENERATE, "brain=replay", f"brain.exchanges={live}/exchanges/openai+gpt-4o", f"out={again}", key=""
+        *GENERATE,
+        "brain=replay",
+        f"brain.exchanges={live_folder}/exchanges/openai+gpt-4o",
+        f"out={replay_folder}",
+        key="",
     )
     assert replayed.returncode == 0, replayed.stderr
-    stores = [next((out / "data").rglob("*.zarr")) for out in (live, again)]  # each named by its brain
-    arrays = [path.relative_to(stores[0]) for path in stores[0].rglob("c/*") if path.is_file()]
-    arrays = [path for path in arrays if "certificate" not in path.parts]  # which names the brain
-    assert arrays and all(len({(at / path).read_bytes() for at in stores}) == 1 for path in arrays)
+    # The names of both stores contain the brain.
+    store_paths = [next((out / "data").rglob("*.zarr")) for out in (live_folder, replay_folder)]
+    arrays = [path.relative_to(store_paths[0]) for path in store_paths[0].rglob("c/*") if path.is_file()]
+    arrays = [path for path in arrays if "certificate" not in path.parts]  # contains the name of the brain
+    assert arrays and all(len({(store / path).read_bytes() for store in store_paths}) == 1 for path in arrays)
 
 
-def test_a_key_on_the_command_line_is_refused_before_it_is_written(monkeypatch, capsys, tmp_path):
+def test_a_key_on_the_command_line_is_refused_before_anything_is_written(monkeypatch, capsys, tmp_path):
     arguments = [*GENERATE, "brain=openai", f"+brain.api_key={KEY}", f"out={tmp_path}"]
     monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
     GlobalHydra.instance().clear()
     assert run_guarded(main) == 2
-    said = "".join(capsys.readouterr())
-    assert "environment variable" in said and KEY not in said and not holds(tmp_path, KEY)
+    output = "".join(capsys.readouterr())
+    assert "environment variable" in output and KEY not in output and not files_containing(tmp_path, KEY)

@@ -1,4 +1,4 @@
-"""What brains are compared by: what is legal, what luck draws of it, what is kept of answers."""
+"""Comparison of brains: legal answers, the random baseline, and the record of answers."""
 
 import json
 from collections.abc import Iterator
@@ -25,15 +25,15 @@ def task(request: pytest.FixtureRequest) -> Task:
     return read_task(request.param)
 
 
-def test_what_is_legal_is_read_as_it_was_meant(task: Task) -> None:
-    known = legal_answers(task, start_scene(task, 0))
-    for agent, subgoals in known.subgoals.items():
+def test_legal_answers_are_parsed_to_their_values(task: Task) -> None:
+    legal = legal_answers(task, start_scene(task, 0))
+    for agent, subgoals in legal.subgoals.items():
         assert subgoals and all(read_subgoal(agent, each.text, task.vocabulary) == each for each in subgoals)
-    for each in known.constraints:
+    for each in legal.constraints:
         assert read(each.sentence, task.vocabulary, each.agents) == each
 
 
-def test_what_luck_draws_is_read_and_fits(task: Task) -> None:
+def test_random_answers_are_valid_and_vary(task: Task) -> None:
     question = Question(task, start_scene(task, 0), {})
     for seed in range(4):
         brain = RandomSpec().make(task, FULL, seed)
@@ -50,19 +50,19 @@ def enumerations(schema: object) -> Iterator[str]:
         yield from enumerations(each)
 
 
-def test_a_schema_that_lists_what_is_legal_lists_all_of_it(lift_barrier: Task) -> None:
-    known = legal_answers(lift_barrier, start_scene(lift_barrier, 0))
-    schema = strict_answer(lift_barrier, known).model_json_schema()
+def test_an_enumerated_schema_lists_all_legal_answers(lift_barrier: Task) -> None:
+    legal = legal_answers(lift_barrier, start_scene(lift_barrier, 0))
+    schema = strict_answer(lift_barrier, legal).model_json_schema()
     listed = {*enumerations(schema)}
-    assert {each.sentence for each in known.constraints} < listed
-    assert {each.text for some in known.subgoals.values() for each in some} < listed
+    assert {each.sentence for each in legal.constraints} < listed
+    assert {each.text for some in legal.subgoals.values() for each in some} < listed
     assert "Anybody" not in json.dumps(schema)
     answer = {"Agent_1": ["grasp barrier at left", "lift barrier by 0.1 m"], "Agent_2": []}
     proposal = from_json(json.dumps({"Subgoals": answer}), lift_barrier)
     assert [each.text for each in proposal.subgoals] == answer["Agent_1"]
 
 
-def test_a_constraint_is_missing_where_nothing_asks_the_same_whatever_the_numbers() -> None:
+def test_missing_constraints_are_compared_without_their_numbers() -> None:
     level, all_clear = KeepLevel("pot", 5.0, 1), AvoidAgents((1, 2))
     stated = [KeepLevel("pot", 9.0, 1), AvoidAgents((2, 1))]
     assert missing_constraints([level, all_clear], stated) == []
@@ -83,7 +83,7 @@ def test_a_constraint_is_missing_where_nothing_asks_the_same_whatever_the_number
         (json.dumps({"Subgoals": {"Agent_1": "home; aside;" * 9}}), Finding.TOO_MANY_SUBGOALS),
     ],
 )
-def test_what_an_answer_is_refused_for_has_a_code(text: str, finding: Finding, lift_barrier: Task) -> None:
+def test_refused_answers_have_a_finding(text: str, finding: Finding, lift_barrier: Task) -> None:
     with pytest.raises(BadAnswer) as refused:
         from_json(text, lift_barrier)
     assert refused.value.finding is finding
@@ -99,7 +99,7 @@ def test_what_an_answer_is_refused_for_has_a_code(text: str, finding: Finding, l
         ("Agent_1 must lift barrier before Agent_2 may lift barrier.", Finding.UNFITTING_CONSTRAINT),
     ],
 )
-def test_so_has_a_constraint(sentence: str, finding: Finding, lift_barrier: Task) -> None:
+def test_refused_constraints_have_a_finding(sentence: str, finding: Finding, lift_barrier: Task) -> None:
     proposal = Proposal(
         (Subgoal(1, "home"),), (read_or_unparsed(sentence, lift_barrier.vocabulary, "spatial"),)
     )
@@ -109,22 +109,27 @@ def test_so_has_a_constraint(sentence: str, finding: Finding, lift_barrier: Task
 
 
 @pytest.mark.slow
-def test_repairs_are_told_from_rounds(lift_barrier: Task) -> None:
+def test_repairs_are_distinguished_from_rounds(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as world:
         settings = Settings.configured(lift_barrier, FULL, FaultySpec("missing_constraint"))
-        quiet = EpisodeGenerator(settings, world, settings.make_brain(0)).make(0).dialogue
+        no_refusals = EpisodeGenerator(settings, world, settings.make_brain(0)).make(0).dialogue
         settings = Settings.configured(lift_barrier, FULL, FaultySpec("wrong_direction"))
         outcome = EpisodeGenerator(settings, world, settings.make_brain(0)).make(0)
-    assert next(quiet.first_answers).missing == 1 and quiet.repairs == 0 and quiet.valid_after == 0
-    found = outcome.dialogue
+    assert (
+        next(no_refusals.first_answers).missing == 1
+        and no_refusals.repairs == 0
+        and no_refusals.valid_after == 0
+    )
+    dialogue = outcome.dialogue
     rulings = Ruling.REFUSED, Ruling.CARRIED_OUT, Ruling.CARRIED_OUT
     assert (
-        tuple(each.ruling for each in found.answers) == (*rulings, Ruling.NOTHING_LEFT)[: len(found.answers)]
+        tuple(each.ruling for each in dialogue.answers)
+        == (*rulings, Ruling.NOTHING_LEFT)[: len(dialogue.answers)]
     )
-    assert [each.round for each in found.answers[:3]] == [1, 1, 2]
-    assert (found.repairs, found.valid_after) == (1, 1) and found.codes == {"off_direction": 1}
-    assert all(each.makespan_s >= each.bound_s > 0 for each in found.answers[1:3])
-    assert len(found.busy) == 2 and all(0 < steps <= outcome.steps for steps in found.busy)
+    assert [each.round for each in dialogue.answers[:3]] == [1, 1, 2]
+    assert (dialogue.repairs, dialogue.valid_after) == (1, 1) and dialogue.codes == {"off_direction": 1}
+    assert all(each.makespan_s >= each.bound_s > 0 for each in dialogue.answers[1:3])
+    assert len(dialogue.busy) == 2 and all(0 < steps <= outcome.steps for steps in dialogue.busy)
 
 
 def test_without_an_answer_nothing_is_valid() -> None:

@@ -1,4 +1,4 @@
-"""Servers that mean harm: what they cost in memory and time, measured in a process of its own."""
+"""Hostile servers: the memory and time that they cost, measured in a separate process."""
 
 import gzip
 import json
@@ -20,17 +20,17 @@ from tests.scenes import start_scene
 MOST_MB = 1000
 DEADLINE_S = 2.0
 PATIENCE_S = 60.0
-SPARE_S = 3.0  # for a busy machine; without the deadline each of these would go on for ever
+SPARE_S = 3.0  # for a busy machine; without the deadline these replies would never end
 GOOD = '{"Subgoals": {"Agent_1": "hold"}}'
 PACKED = {"Content-Encoding": "gzip"}
 
 
 def bomb(of_bytes: int) -> bytes:
-    """A gzip stream of zeros, a thousandth of the size; pieces that are flushed whole repeat."""
-    packer = zlib.compressobj(9, zlib.DEFLATED, 16 + zlib.MAX_WBITS)
+    """Gzip stream of zeros, a thousandth of their size; one fully flushed block is repeated."""
+    compressor = zlib.compressobj(9, zlib.DEFLATED, 16 + zlib.MAX_WBITS)
     piece = bytes(2**24)
-    first = packer.compress(piece) + packer.flush(zlib.Z_FULL_FLUSH)
-    again = packer.compress(piece) + packer.flush(zlib.Z_FULL_FLUSH)
+    first = compressor.compress(piece) + compressor.flush(zlib.Z_FULL_FLUSH)
+    again = compressor.compress(piece) + compressor.flush(zlib.Z_FULL_FLUSH)
     return first + again * (of_bytes // len(piece))
 
 
@@ -39,7 +39,7 @@ LATE = f"did not answer within {DEADLINE_S:g} s"
 
 
 def hostile() -> dict[str, tuple[Reply, str]]:
-    """Name -> what the server sends, and what is to be in the reason."""
+    """Name -> (reply of the server, expected part of the error message)."""
     zeros, good, twice = bomb(2 * 2**30), gzip.compress(completion(GOOD).body), "gzip, gzip"
     return {
         "a bomb of 2 GB": (Reply(zeros, headers=PACKED), LONG),
@@ -66,43 +66,43 @@ def hostile() -> dict[str, tuple[Reply, str]]:
     }  # fmt: skip
 
 
-def asked(replies: Mapping[str, list[Reply]], deadlines_s: Sequence[float]) -> dict:
-    """What the process tells that asks each of these servers for all of its replies, a sound one first."""
+def run_client(replies: Mapping[str, list[Reply]], deadlines_s: Sequence[float]) -> dict:
+    """Result of the process that requests all replies of each server, after those of a valid server."""
     with ExitStack() as running:
-        sound = running.enter_context(LanguageServer([completion(GOOD)]))
+        valid = running.enter_context(LanguageServer([completion(GOOD)]))
         servers = [running.enter_context(LanguageServer(each)) for each in replies.values()]
-        jobs = [(sound.url, 3, PATIENCE_S)]
+        jobs = [(valid.url, 3, PATIENCE_S)]
         jobs += [(s.url, len(s.replies), t) for s, t in zip(servers, deadlines_s, strict=True)]
         done = subprocess.run(
             [sys.executable, "-m", "tests.datagen.hostile_client"],
             input=json.dumps(jobs), capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[-2000:]
-    told = json.loads(done.stdout.splitlines()[-1])
-    told["outcomes"] = told["outcomes"][3:]
-    return told
+    stats = json.loads(done.stdout.splitlines()[-1])
+    stats["outcomes"] = stats["outcomes"][3:]
+    return stats
 
 
 @pytest.mark.slow
 def test_hostile_servers_cost_neither_memory_nor_time():
-    # Who is to be stopped by the limit on bytes has time enough to fill the memory without it.
+    # Where the byte limit has to stop a reply, the deadline is long enough to fill the memory without it.
     servers = hostile()
     deadlines_s = [DEADLINE_S if reason == LATE else PATIENCE_S for _, reason in servers.values()]
-    told = asked({name: [reply] for name, (reply, _) in servers.items()}, deadlines_s)
-    for (name, (_, reason)), outcome in zip(servers.items(), told["outcomes"], strict=True):
+    stats = run_client({name: [reply] for name, (reply, _) in servers.items()}, deadlines_s)
+    for (name, (_, reason)), outcome in zip(servers.items(), stats["outcomes"], strict=True):
         assert reason in outcome["reason"], (name, outcome)
         assert outcome["wall_s"] < DEADLINE_S + SPARE_S, (name, outcome)
-    assert told["peak_mb"] < MOST_MB
-    print(f"peak {told['peak_mb']:.0f} MB, longest {max(o['wall_s'] for o in told['outcomes']):.1f} s")
+    assert stats["peak_mb"] < MOST_MB
+    print(f"peak {stats['peak_mb']:.0f} MB, longest {max(o['wall_s'] for o in stats['outcomes']):.1f} s")
 
 
 def fuzzed(count: int) -> list[Reply]:
-    """Sound completions of a sound answer with bytes of them changed, left out, doubled; some packed."""
+    """Valid completions of a valid answer with bytes changed, removed or duplicated; some are compressed."""
     draw, task = random.Random(0), read_task("lift_barrier")
-    sound = ScriptedBrain().answer(Question(task, start_scene(task, 0), {}))
+    valid = ScriptedBrain().answer(Question(task, start_scene(task, 0), {}))
     found = []
     for _ in range(count):
-        text = _fuzzed(sound.encode(), draw, draw.randrange(3)).decode("utf-8", "replace")
+        text = _fuzzed(valid.encode(), draw, draw.randrange(3)).decode("utf-8", "replace")
         wrapped = draw.choice(
             ["{}", "Here: {}", "```json\n{}\n```", "<think>{}", "<think></think>{}"]
         ).replace("{}", text)
@@ -117,21 +117,21 @@ def fuzzed(count: int) -> list[Reply]:
 def _fuzzed(body: bytes, draw: random.Random, changes: int) -> bytes:
     for _ in range(changes):
         at, length = draw.randrange(len(body)), draw.randrange(1, 40)
-        by = draw.choice(
+        replacement = draw.choice(
             [b"", draw.randbytes(length), body[at : at + length] * 2, b'"}]{[":,\\'[: length % 9]]
         )
-        body = body[:at] + by + body[at + length :]
+        body = body[:at] + replacement + body[at + length :]
     return body or b" "
 
 
 @pytest.mark.slow
 def test_fuzzed_replies_are_understood_or_refused_and_nothing_is_executed():
-    told = asked({"fuzzed": fuzzed(200)}, [DEADLINE_S])
-    reasons = [outcome["reason"] for outcome in told["outcomes"]]
+    stats = run_client({"fuzzed": fuzzed(200)}, [DEADLINE_S])
+    reasons = [outcome["reason"] for outcome in stats["outcomes"]]
     assert len(reasons) == 200 and all(reasons)
-    assert 10 < reasons.count("understood") < 190  # neither all nor nothing gets through
-    assert told["peak_mb"] < MOST_MB
-    assert max(outcome["wall_s"] for outcome in told["outcomes"]) < DEADLINE_S + SPARE_S
+    assert 10 < reasons.count("understood") < 190  # some answers are understood, and some are not
+    assert stats["peak_mb"] < MOST_MB
+    assert max(outcome["wall_s"] for outcome in stats["outcomes"]) < DEADLINE_S + SPARE_S
     print(
-        f"peak {told['peak_mb']:.0f} MB, understood {reasons.count('understood')}, kinds {len(set(reasons))}"
+        f"peak {stats['peak_mb']:.0f} MB, understood {reasons.count('understood')}, kinds {len(set(reasons))}"
     )

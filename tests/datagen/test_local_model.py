@@ -1,4 +1,4 @@
-"""What a model on this machine writes, held to a schema; without its packages there is nothing to test."""
+"""A small language model on this machine, constrained to a schema; skipped without its packages."""
 
 import importlib.util
 import json
@@ -31,7 +31,7 @@ def test_a_small_model_writes_an_answer_of_the_schema(lift_barrier, monkeypatch)
     assert isinstance(spec, OpenAISpec)
     texts = [each.text for each in legal_answers(lift_barrier, start_scene(lift_barrier, 0)).subgoals[1]]
     schema = {"type": "object", "properties": {"Agent_1": {"enum": texts}}, "required": ["Agent_1"]}
-    chat = OpenAIChat(spec, None)  # asked for little in few words: whole answers take it a minute
+    chat = OpenAIChat(spec, None)  # a short request: a complete answer takes a minute
     text = chat.ask("propose", [Message("user", "An arm lifts a barrier. What does it do?")], schema)
     assert json.loads(text)["Agent_1"] in texts
     assert chat.exchanges[0].usage is not None and chat.exchanges[0].usage.completion_tokens > 0

@@ -1,4 +1,4 @@
-"""Laws of planned motion over every task, and the reasons that planning gives when it cannot."""
+"""Properties of planned motion for every task, and the reasons reported where planning fails."""
 
 from dataclasses import replace
 
@@ -28,8 +28,8 @@ LIMITS = JointLimits(**default_of("limits"))
 def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yielding=None):
     blocked = Obstacles(task, scene, row or ConstraintSet("full"), proposal).blocked(avoid_arms=avoid_arms)
     reach = Reach(task.arms, LIMITS, blocked, Search(np.random.default_rng(0)))
-    made = plan_motion(task, proposal, scene, reach, lockstep=lockstep, yielding=yielding or Yielding())
-    return made.trajectories, made.state
+    motion = plan_motion(task, proposal, scene, reach, lockstep=lockstep, yielding=yielding or Yielding())
+    return motion.trajectories, motion.state
 
 
 @pytest.mark.slow
@@ -47,12 +47,12 @@ def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
         assert np.abs(velocity).max() <= LIMITS.velocity_rad_s * 1.01
         assert np.abs(np.diff(padded, axis=0)).max() * 20 <= LIMITS.acceleration_rad_s2 * 1.01
         assert (joints > low).all() and (joints < high).all()
-        for knot in trajectory.knots[1:-1]:  # at rest: one sample on either side moves at most as far as
-            step = LIMITS.acceleration_rad_s2 / 20**2  # the acceleration allows from a standstill
+        for knot in trajectory.knots[1:-1]:  # at rest: the next sample is at most as far as
+            step = LIMITS.acceleration_rad_s2 / 20**2  # the acceleration allows from rest
             assert np.abs(joints[knot + 1] - joints[knot]).max() <= step * 1.1
 
 
-def test_who_has_nothing_to_do_yields_first_unless_it_holds_something(place_food):
+def test_an_idle_agent_yields_first_unless_it_holds_an_object(place_food):
     scene = start_scene(place_food, 0)
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
     for held, length in ((None, 1), ("lid", 0)):
@@ -84,7 +84,7 @@ def test_a_grasp_ends_at_the_annotated_point_with_fingers_closed(lift_barrier):
     tcp = Arm(DEFAULT, lift_barrier.robots[0].world_from_base).tcp(approach.qpos[-1])
     expected = scene.poses["barrier"] @ lift_barrier.asset("barrier").points["left"].object_from_tcp
     np.testing.assert_allclose(tcp[:3, 3], expected[:3, 3], atol=5e-4)
-    assert abs(tcp[:3, 1] @ expected[:3, 1]) > 0.9999  # either way round: the fingers are alike
+    assert abs(tcp[:3, 1] @ expected[:3, 1]) > 0.9999  # in either orientation: the fingers are symmetric
     assert state.held[1][0] == "barrier"
     assert len(trajectories[1]) == 0
 
@@ -106,7 +106,7 @@ def test_a_joint_lift_keeps_both_grippers_level(lift_barrier):
     np.testing.assert_allclose(heights[0][-1] - 0.074, 0.17, atol=2e-3)
 
 
-def test_what_is_placed_ends_where_it_should(place_food):
+def test_placed_objects_end_at_their_goals(place_food):
     scene = start_scene(place_food, 0)
     _, state = plan(place_food, place_food.module.plan(scene, place_food), scene)
     goal = place_food.places(scene)["aside"]
@@ -136,14 +136,14 @@ def test_what_is_placed_ends_where_it_should(place_food):
         ),
     ],
 )
-def test_unreachable_says_why(place_food, subgoals, message):
+def test_unreachable_subgoals_are_explained(place_food, subgoals, message):
     with pytest.raises(Unreachable, match=message):
         plan(place_food, Proposal(subgoals, ()), start_scene(place_food, 0))
 
 
-def test_a_seeing_planner_does_not_go_through_an_arm_that_a_blind_one_does_not_see(place_food):
+def test_only_a_planner_with_spatial_constraints_avoids_a_parked_arm(place_food):
     scene = start_scene(place_food, 0)
-    # The other arm is parked with its fingers just above the knob that agent 1 is to grasp.
+    # The other arm is parked with its fingers above the knob that agent 1 has to grasp.
     other = Arm(DEFAULT, place_food.robots[1].world_from_base)
     above = scene.poses["lid"] @ place_food.asset("lid").points["knob"].object_from_tcp
     above[2, 3] += 0.06
@@ -161,7 +161,7 @@ def test_a_seeing_planner_does_not_go_through_an_arm_that_a_blind_one_does_not_s
 
 
 def test_rrt_goes_round_a_wall():
-    def free(points):  # a wall at joint 1 = 0.5 with a way over it
+    def free(points):  # a wall at joint 1 = 0.5 rad with a gap in joint 2
         return not ((np.abs(points[:, 0] - 0.5) < 0.1) & (points[:, 1] < 0.8)).any()
 
     start, goal = np.zeros(7), np.eye(7)[0]
@@ -171,7 +171,7 @@ def test_rrt_goes_round_a_wall():
     np.testing.assert_array_equal(path[-1], goal)
 
 
-def test_a_search_without_a_way_ends_and_leaves_straight_lines() -> None:
+def test_a_failed_search_ends_and_straight_lines_still_work() -> None:
     tried = 0
 
     def free(points):
@@ -183,7 +183,7 @@ def test_a_search_without_a_way_ends_and_leaves_straight_lines() -> None:
     search = Search(np.random.default_rng(0), edges=50)
     for _ in range(3):
         assert search.path(start, goal, free, DEFAULT.limits_rad) is None
-    assert tried < 70  # the line and both ends are looked at each time; a branch is grown to its end
+    assert tried < 70  # each search checks the line and both ends; a started branch is completed
     assert search.path(start, np.eye(7)[1], free, DEFAULT.limits_rad) is not None
 
 
@@ -191,8 +191,8 @@ def test_arms_turned_to_the_table_reach_it():
     assert Arm(DEFAULT, planar(0.0, -0.75, np.pi / 2)).tcp(np.array(DEFAULT.rest_rad))[1, 3] > -0.2
 
 
-def test_something_round_is_grasped_from_whichever_side_is_soonest():
-    """Also where it is turned about its own axis, which changes nothing."""
+def test_a_round_object_is_grasped_from_the_fastest_side():
+    """Also where it is turned about its own axis of symmetry."""
     task = read_task("place_cube_in_cup")
     scene = start_scene(task, 1)
     subgoals = tuple(each for each in task.module.plan(scene, task).subgoals if each.agent == 1)
@@ -203,18 +203,19 @@ def test_something_round_is_grasped_from_whichever_side_is_soonest():
             task, Proposal(subgoals, ()), replace(scene, poses={**scene.poses, "cup": cup})
         )
         found.append(trajectories[0])
-    hands = [task.arms[1].tcp(each.segments[0].qpos[-1]) for each in found]
-    np.testing.assert_allclose(hands[0], hands[1], atol=1e-6)
-    comes = hands[0][:3, :3] @ (0.0, 0.0, 1.0)
-    assert comes @ (scene.poses["cup"][:3, 3] - task.arms[1].world_from_base[:3, 3]) > 0  # not from behind it
+    tcp_poses = [task.arms[1].tcp(each.segments[0].qpos[-1]) for each in found]
+    np.testing.assert_allclose(tcp_poses[0], tcp_poses[1], atol=1e-6)
+    approach = tcp_poses[0][:3, :3] @ (0.0, 0.0, 1.0)
+    # Not from behind the cup.
+    assert approach @ (scene.poses["cup"][:3, 3] - task.arms[1].world_from_base[:3, 3]) > 0
     assert abs(len(found[0]) - len(found[1])) <= 1
 
 
 @pytest.mark.slow
-def test_a_thing_is_grasped_so_that_the_arm_can_rise_with_it(monkeypatch):
+def test_a_grasp_is_chosen_so_that_the_arm_can_rise_with_the_object(monkeypatch):
     ring = named_task("ring_1x3")
     assert ring is not None
-    scene = start_scene(ring, 15)  # a finger of the soonest grasp stands too near to the next cube
+    scene = start_scene(ring, 15)  # a finger of the fastest grasp is too near to the next cube
     proposal = ring.module.plan(scene, ring)
     plan(ring, proposal, scene)
     monkeypatch.setattr(request, "_can_rise", lambda *_: True)
@@ -223,8 +224,8 @@ def test_a_thing_is_grasped_so_that_the_arm_can_rise_with_it(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_rounded_detour_keeps_clear_of_what_it_goes_round():
-    """The way to the stem leads round the bowl: of seed 0 its corners once cut through it."""
+def test_a_rounded_detour_keeps_clear_of_its_obstacle():
+    """The path to the stem leads round the bowl; with seed 0 its corners once cut through the bowl."""
     task = read_task("place_cube_in_cup")
     scene = start_scene(task, 0)
     trajectories, _ = plan(task, task.module.plan(scene, task), scene)

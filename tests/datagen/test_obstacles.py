@@ -1,4 +1,4 @@
-"""What the planner sees: the objects of its task, or what the depth cameras see."""
+"""Obstacles of the planner: the objects of the task, or the voxels occupied in depth pictures."""
 
 from dataclasses import replace
 
@@ -20,15 +20,15 @@ FULL, LOGICAL = ConstraintSet("full"), ConstraintSet("logical", spatial=False, t
 REST = np.array(DEFAULT.rest_rad)
 
 
-def in_the_way(task, scene, points, row=FULL, proposal=None):
-    """What blocks agent 1 on joint points (K, 7)."""
+def obstacle_on(task, scene, points, row=FULL, proposal=None):
+    """The obstacle that blocks agent 1 on joint configurations (K, 7); None if free."""
     obstacles = Obstacles(task, scene, row, proposal or Proposal((), ()))
     return obstacles.blocked(avoid_arms=False)(1, points, present_state(task, scene), frozenset())
 
 
 @pytest.mark.slow
-def test_nobody_begins_too_close_to_anything(task):
-    """A law of the suite: from where an arm stands when an episode begins, it can be planned for."""
+def test_no_arm_starts_too_close_to_an_obstacle(task):
+    """Holds for all tasks: planning can start from the initial posture of each arm."""
     for seed in range(20):
         scene = start_scene(task, seed)
         blocked = Obstacles(task, scene, FULL, Proposal((), ())).blocked(avoid_arms=True)
@@ -38,16 +38,16 @@ def test_nobody_begins_too_close_to_anything(task):
 
 
 @pytest.mark.slow
-def test_the_first_thing_that_is_near_is_named():
-    """Things are asked about together; the answer is that of one after the other."""
+def test_the_first_object_that_is_too_near_is_named():
+    """Objects are checked in one query; the result is that of checking one after the other."""
     task = read_task("place_food")
     scene, down = start_scene(task, 0), np.diag([1.0, -1.0, -1.0, 1.0])
     planning_scene, rng = PlanningScene(task, scene), np.random.default_rng(2)
     blocked = Obstacles(task, scene, FULL, Proposal((), ())).blocked(avoid_arms=False)
     named = []
-    for agent, about in np.ndindex(len(task.agents), len(task.objects)):
+    for agent, number in np.ndindex(len(task.agents), len(task.objects)):
         for _ in range(12):
-            at = scene.poses[list(task.objects)[about]][:3, 3] + rng.uniform((-0.08, -0.08, 0.0), 0.08)
+            at = scene.poses[list(task.objects)[number]][:3, 3] + rng.uniform((-0.08, -0.08, 0.0), 0.08)
             joints = task.arms[agent + 1].solve(transform(at) @ down, REST)
             if joints is None:
                 continue
@@ -66,34 +66,34 @@ def test_the_first_thing_that_is_near_is_named():
     assert set(named) >= {"pot", "steak", None}
 
 
-def test_a_box_that_only_the_cameras_know_is_in_the_way():
+def test_a_box_seen_only_by_cameras_is_an_obstacle():
     task = read_task("pass_shoe")
     scene = start_scene(task, 0)
     aside = REST + np.array([0.8, 0, 0, 0, 0, 0, 0])
-    way = np.linspace(REST, aside, 12)
-    hand = task.arms[1].tcp(aside)[:3, 3]
-    low = np.floor(hand / VOXEL_M).astype(int) - 1
+    path = np.linspace(REST, aside, 12)
+    gripper_m = task.arms[1].tcp(aside)[:3, 3]
+    low = np.floor(gripper_m / VOXEL_M).astype(int) - 1
     box = low + np.array(list(np.ndindex(3, 3, 3)))
-    assert in_the_way(task, scene, way) is None
-    looked = replace(scene, occupied_voxels=box)
-    assert in_the_way(task, looked, way) == UNKNOWN_OBSTACLE
-    assert in_the_way(task, looked, way[:3]) is None
-    assert in_the_way(task, looked, way, LOGICAL) is None  # that row is blind on purpose
-    assert in_the_way(task, replace(scene, occupied_voxels=box[:0]), way) is None
+    assert obstacle_on(task, scene, path) is None
+    observed = replace(scene, occupied_voxels=box)
+    assert obstacle_on(task, observed, path) == UNKNOWN_OBSTACLE
+    assert obstacle_on(task, observed, path[:3]) is None
+    assert obstacle_on(task, observed, path, LOGICAL) is None  # this row has no spatial constraints
+    assert obstacle_on(task, replace(scene, occupied_voxels=box[:0]), path) is None
 
 
-def test_what_a_subgoal_is_about_is_known_by_its_shape_and_not_by_its_voxels():
+def test_the_object_of_a_subgoal_is_modelled_by_its_shape_instead_of_its_voxels():
     task = read_task("pick_meat")
     scene = start_scene(task, 0)
     steak = voxels(PlanningScene(task, scene).static_objects(["steak"]))
-    looked = replace(scene, occupied_voxels=steak)
+    observed = replace(scene, occupied_voxels=steak)
     arm = task.arms[1]
     grasp = scene.poses["steak"] @ task.asset("steak").points["center"].object_from_tcp
     joints = arm.solve(transform((0, 0, 0.03)) @ grasp, REST)
     assert joints is not None
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
-    assert in_the_way(task, looked, joints[None], proposal=proposal) is None
-    assert in_the_way(task, looked, joints[None]) == UNKNOWN_OBSTACLE
-    off_centre = arm.solve(grasp @ transform((0, 0.03, 0)), joints)  # a finger is in the steak
+    assert obstacle_on(task, observed, joints[None], proposal=proposal) is None
+    assert obstacle_on(task, observed, joints[None]) == UNKNOWN_OBSTACLE
+    off_centre = arm.solve(grasp @ transform((0, 0.03, 0)), joints)  # one finger is inside the steak
     assert off_centre is not None
-    assert in_the_way(task, looked, off_centre[None], proposal=proposal) == "steak"
+    assert obstacle_on(task, observed, off_centre[None], proposal=proposal) == "steak"

@@ -1,4 +1,4 @@
-"""Places that are taken are told before anything is planned: by what, and by how many mm."""
+"""Occupied places are reported before motion planning, with the object and the overlap in mm."""
 
 from copy import deepcopy
 from typing import Any
@@ -26,11 +26,11 @@ LID_OFF = (
 
 
 def place_food(**objects: Any) -> Task:
-    """Place Food with more on the table."""
+    """Place Food with additional objects on the table."""
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "place_food.yaml"))
-    told = deepcopy(node["place_food"])
-    told["objects"] |= objects
-    return load_task("place_food", told)
+    config = deepcopy(node["place_food"])
+    config["objects"] |= objects
+    return load_task("place_food", config)
 
 
 def test_nothing_overlaps_in_the_plans_of_the_suite(task: Task) -> None:
@@ -40,7 +40,7 @@ def test_nothing_overlaps_in_the_plans_of_the_suite(task: Task) -> None:
 
 
 @pytest.mark.slow
-def test_a_place_on_which_something_stands_is_refused_before_planning() -> None:
+def test_an_occupied_place_is_refused_before_planning() -> None:
     task = place_food(block={"asset": "steak", "relative_to": "pot", "x_m": 0.0, "y_m": 0.27})
     scene = start_scene(task, 0)
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
@@ -56,18 +56,18 @@ def test_a_place_on_which_something_stands_is_refused_before_planning() -> None:
     assert yielding_agents(found, Proposal(LID_OFF, ()), task, scene) == []
 
 
-def test_two_things_that_are_put_on_one_place_overlap() -> None:
+def test_two_objects_on_one_place_overlap() -> None:
     task = place_food()
-    both = Proposal(
+    proposal = Proposal(
         (*LID_OFF, Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "place", "steak", target="aside")), ()
     )
-    found = occupied_place(task, both, start_scene(task, 0))
+    found = occupied_place(task, proposal, start_scene(task, 0))
     assert found is not None
     assert "lid would overlap steak at aside there by " in found.sentence
 
 
-def test_what_is_moved_away_leaves_its_place() -> None:
-    """As far as one can tell before planning."""
+def test_an_object_that_is_moved_away_frees_its_place() -> None:
+    """Judged without planned motion."""
     task = place_food(block={"asset": "steak", "relative_to": "pot", "x_m": 0.0, "y_m": 0.27})
     scene = start_scene(task, 0)
     moved = Proposal((*LID_OFF, Subgoal(1, "grasp", "block", "center")), ())

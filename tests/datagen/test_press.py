@@ -1,4 +1,4 @@
-"""The verb `press`: from above with closed fingers, and a little farther where that was not felt."""
+"""The verb `press`: from above with closed fingers, and a little farther where no contact was measured."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -26,7 +26,7 @@ def task() -> Task:
     return read_task("take_photo")
 
 
-def pressing(task: Task, scene: Scene) -> Trajectory:
+def press_trajectory(task: Task, scene: Scene) -> Trajectory:
     return plan(task, Proposal((PRESS,), ()), scene)[0][3]
 
 
@@ -36,13 +36,13 @@ def at_end(scene: Scene, trajectory: Trajectory) -> Scene:
     return replace(scene, qpos=qpos)
 
 
-def test_who_has_pressed_and_felt_nothing_presses_farther(task: Task) -> None:
+def test_a_press_without_contact_is_repeated_farther(task: Task) -> None:
     scene = start_scene(task, 0)
-    first = pressing(task, scene)
-    assert [each.primitive for each in first.segments] == ["close", "press"]
+    trajectory = press_trajectory(task, scene)
+    assert [each.primitive for each in trajectory.segments] == ["close", "press"]
     for _ in range(2):
-        scene = at_end(scene, first)
-        again = pressing(task, scene)
+        scene = at_end(scene, trajectory)
+        again = press_trajectory(task, scene)
         (segment,) = again.segments
         assert segment.primitive == "press" and (segment.gripper == GRIPPER_CLOSED).all()
         assert segment.touches == {"camera"}
@@ -50,30 +50,30 @@ def test_who_has_pressed_and_felt_nothing_presses_farther(task: Task) -> None:
         moved = inverse(before) @ after
         np.testing.assert_allclose(moved[:3, 3], [0, 0, EXTRA_PRESS_M], atol=1e-5)
         np.testing.assert_allclose(moved[:3, :3], np.eye(3), atol=1e-5)
-        first = again
+        trajectory = again
 
 
-def test_who_stands_elsewhere_begins_from_above(task: Task) -> None:
+def test_a_press_from_elsewhere_begins_above_the_point(task: Task) -> None:
     scene = start_scene(task, 0)
-    there = at_end(scene, pressing(task, scene))
+    after_press = at_end(scene, press_trajectory(task, scene))
     beside = np.array([0.0, 0.01, 0.0, -0.01, 0.0, 0.0, 0.0])
-    qpos = there.qpos.copy()
+    qpos = after_press.qpos.copy()
     qpos[3, :7] -= 3 * beside
-    segments = pressing(task, replace(there, qpos=qpos)).segments
+    segments = press_trajectory(task, replace(after_press, qpos=qpos)).segments
     assert [each.primitive for each in segments] == ["close", "press"]
 
 
 @pytest.mark.slow
-def test_joints_that_measure_something_else_press_all_the_same() -> None:
-    """In this scene they say that the finger is 4 mm in the camera, and it is above it."""
-    of = experiment("task=take_photo", "variation=encoders", "render=false", "stages=[generate]")
-    cell = cell_of(of)
-    made = make_episode(of.settings(cell.task, cell.constraint_set), of.pictures, 2, ())
-    assert made.success, made.reason
+def test_joint_measurement_errors_do_not_prevent_pressing() -> None:
+    """In this scene the measured joints put the finger 4 mm into the camera, while it is really above it."""
+    config = experiment("task=take_photo", "variation=encoders", "render=false", "stages=[generate]")
+    cell = cell_of(config)
+    outcome = make_episode(config.settings(cell.task, cell.constraint_set), config.pictures, 2, ())
+    assert outcome.success, outcome.reason
 
 
-def test_farther_on_is_not_beside_the_point(task: Task) -> None:
-    """Up to 2 cm; across the direction in which it is pressed a centimetre is."""
+def test_distance_along_the_pressing_direction_is_tolerated(task: Task) -> None:
+    """A TCP up to 2 cm farther along the pressing direction is accepted; 1 cm across it is not."""
     check = ContactAtCheck(4, "camera", "shutter")
     scene = start_scene(task, 0)
     pressed = scene.poses["camera"] @ task.points["camera"]["shutter"]

@@ -1,4 +1,4 @@
-"""Stops keep the joint limits, whatever was going on: on paths, and in repaired episodes of every task."""
+"""Stops keep the joint limits at any moment: on planned paths, and in repaired episodes of every task."""
 
 from dataclasses import replace
 
@@ -18,10 +18,10 @@ from tests.conftest import read_task
 LIMITS = JointLimits(**default_of("limits"))
 BLINDEST = ConstraintSet("logical", spatial=False, temporal=False)
 BLIND = ConstraintSet("logical_temporal", spatial=False)
-FAST_RAD_S = 0.3  # of some joint, so that there is something to stop
+FAST_RAD_S = 0.3  # some joint is as fast when the loss is simulated
 
 
-class Plans(NullObserver):
+class PlanRecorder(NullObserver):
     def __init__(self):
         self.plans, self.rejections = [], []
 
@@ -32,11 +32,11 @@ class Plans(NullObserver):
         self.rejections.append(violation)
 
 
-class Blinking:
-    """A simulator whose sense of touch fails for a moment, once, while somebody carries something fast."""
+class LossSimulator:
+    """Simulator that once, during fast motion with an object, reports no held objects for some steps."""
 
-    def __init__(self, world, blinks=6):
-        self._world, self._blinks = world, blinks
+    def __init__(self, world, lost_steps=6):
+        self._world, self._lost_steps = world, lost_steps
 
     def __getattr__(self, name):
         return getattr(self._world, name)
@@ -47,14 +47,14 @@ class Blinking:
             held is not None and np.abs(qvel[:7]).max() > FAST_RAD_S
             for held, qvel in zip(scene.held, scene.qvel, strict=True)
         )
-        if self._blinks and (fast or self._blinks < 6):
-            self._blinks -= 1
+        if self._lost_steps and (fast or self._lost_steps < 6):
+            self._lost_steps -= 1
             return replace(scene, held=(None,) * len(scene.held))
         return scene
 
 
 def assert_within_limits(commands, limits=LIMITS):
-    """Commands (T, N, 7) on the control grid; the first row is where the arms rest before the others."""
+    """Asserts the limits of commands (T, N, 7) on the control grid; in the first row the arms rest."""
     velocity = np.diff(commands, axis=0, prepend=commands[:1]) * CONTROL_HZ
     acceleration = np.diff(velocity, axis=0) * CONTROL_HZ
     assert np.abs(velocity).max() <= 1.001 * limits.velocity_rad_s
@@ -64,15 +64,15 @@ def assert_within_limits(commands, limits=LIMITS):
 @pytest.fixture(scope="module")
 def planned():
     """Commands (T, N, 8) of every plan of an episode in which several arms move at once."""
-    task, seen = read_task("three_robots_stack_cube"), Plans()
+    task, recorder = read_task("three_robots_stack_cube"), PlanRecorder()
     with Simulator(task, render=False) as world:
         EpisodeGenerator(
-            Settings.configured(task, ConstraintSet("full"), ScriptedSpec()), world, ScriptedBrain(), seen
+            Settings.configured(task, ConstraintSet("full"), ScriptedSpec()), world, ScriptedBrain(), recorder
         ).make(1)
-    starts = [np.stack([each.path()[0] for each in plan.trajectories]) for plan in seen.plans]
+    starts = [np.stack([each.path()[0] for each in plan.trajectories]) for plan in recorder.plans]
     return [
         np.concatenate([start[None], scheduled_actions(plan.trajectories, plan.schedule)])
-        for start, plan in zip(starts, seen.plans, strict=True)
+        for start, plan in zip(starts, recorder.plans, strict=True)
     ]
 
 
@@ -89,8 +89,8 @@ def test_every_moment_of_a_plan_can_be_stopped_within_the_limits(planned):
 
 
 @pytest.mark.slow
-def test_arms_that_stop_stay_on_their_way(planned):
-    """All configurations of a stop are of the schedule: what keeps clear there keeps clear here."""
+def test_stopping_arms_stay_on_their_paths(planned):
+    """All configurations of a stop are on the scheduled path, so the clearances of the schedule hold."""
     commands = max(planned, key=len)
     now = len(commands) // 2
     for row in come_to_rest(commands, now, LIMITS)[:, :, :7]:
@@ -100,13 +100,13 @@ def test_arms_that_stop_stay_on_their_way(planned):
 
 
 @pytest.mark.slow
-def test_who_stands_still_stops_at_once(planned):
+def test_resting_arms_stop_at_once(planned):
     still = np.tile(planned[0][:1], (10, 1, 1))
     np.testing.assert_array_equal(come_to_rest(still, 5, LIMITS), still[:1])
 
 
 @pytest.mark.slow
-def test_arms_are_let_off_to_where_they_were_measured(planned):
+def test_arms_in_contact_relax_to_their_measured_joints(planned):
     command = planned[0][0]
     qpos = np.hstack([command[:, :7], np.zeros((3, 2))])
     qpos[1, :7] += 0.2
@@ -117,30 +117,30 @@ def test_arms_are_let_off_to_where_they_were_measured(planned):
     assert relax_to_measured(command, qpos, (1,), LIMITS).shape == (0, 3, 8)
 
 
-def made(task, row, seed, world, **disturbed):
-    seen = Plans()
+def make(task, row, seed, world, **disturbed):
+    recorder = PlanRecorder()
     settings = Settings.configured(task, row, ScriptedSpec(), **disturbed)
-    return EpisodeGenerator(settings, world, ScriptedBrain(), seen).make(seed), seen
+    return EpisodeGenerator(settings, world, ScriptedBrain(), recorder).make(seed), recorder
 
 
-def told(episode):
-    """(T + 1, N, 7): where the arms begin, then every command."""
+def intended_joints(episode):
+    """Intended joints (T + 1, N, 7): the initial ones, then every action."""
     return np.concatenate([episode.qpos[:1, :, :7], episode.action[:, :, :7]]).astype(float)
 
 
-def done(episode):
-    """(T + 1, N, 7): where the arms begin, then what they were sent to."""
+def executed_joints(episode):
+    """Executed joints (T + 1, N, 7): the initial ones, then every executed command."""
     return np.concatenate([episode.qpos[:1, :, :7], episode.executed[:, :, :7]]).astype(float)
 
 
 @pytest.mark.slow
 def test_a_repaired_episode_keeps_the_joint_limits(task):
-    """A law: something seems lost in full motion; all stop, plan again from there, and succeed."""
+    """For all tasks: an object seems lost in fast motion; all arms stop, replan from there, and succeed."""
     with Simulator(task, render=False) as world:
-        outcome, seen = made(task, ConstraintSet("full"), 1, Blinking(world))
-    assert outcome.violations >= 1 and seen.rejections[0].cause == "grip"
+        outcome, recorder = make(task, ConstraintSet("full"), 1, LossSimulator(world))
+    assert outcome.violations >= 1 and recorder.rejections[0].cause == "grip"
     assert outcome.episode is not None, outcome.reason
-    assert_within_limits(told(outcome.episode))
+    assert_within_limits(intended_joints(outcome.episode))
 
 
 @pytest.mark.slow
@@ -149,44 +149,44 @@ def test_arms_that_hit_each_other_stop_within_the_limits(row):
     task, hits = read_task("three_robots_stack_cube"), 0
     with Simulator(task, render=False) as world:
         for seed in range(3):
-            outcome, seen = made(task, row, seed, world)
-            hits += any(violation.cause == "contact" for violation in seen.rejections)
+            outcome, recorder = make(task, row, seed, world)
+            hits += any(violation.cause == "contact" for violation in recorder.rejections)
             if outcome.episode is not None:
-                assert_within_limits(told(outcome.episode))
+                assert_within_limits(intended_joints(outcome.episode))
     assert hits >= 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["camera_alignment", "three_robots_stack_cube", "stack_cube"])
-def test_what_a_disturbed_arm_means_keeps_the_limits_when_it_stops(name):
-    """And what it does is within what those may add to them; it comes to rest where it means to be."""
-    more = JointLimits(
+def test_intended_commands_of_a_disturbed_arm_keep_the_limits_when_it_stops(name):
+    """Executed commands exceed them at most by the limits of perturbations; both come to rest together."""
+    sum_limits = JointLimits(
         LIMITS.velocity_rad_s + PERTURBATION_LIMITS.velocity_rad_s,
         LIMITS.acceleration_rad_s2 + PERTURBATION_LIMITS.acceleration_rad_s2,
     )
     with Simulator(read_task(name), render=False) as world:
-        outcome, seen = made(
-            read_task(name), ConstraintSet("full"), 1, Blinking(world), disturbance_rad=0.05, delay_s=1.0
+        outcome, recorder = make(
+            read_task(name), ConstraintSet("full"), 1, LossSimulator(world), disturbance_rad=0.05, delay_s=1.0
         )
-    assert outcome.violations >= 1 and seen.rejections[0].cause == "grip"
+    assert outcome.violations >= 1 and recorder.rejections[0].cause == "grip"
     assert outcome.episode is not None, outcome.reason
-    assert_within_limits(told(outcome.episode))
-    assert_within_limits(done(outcome.episode), more)
-    meant, found = told(outcome.episode)[1:], done(outcome.episode)[1:]
-    begins = [plan.checked.plan.scene.step for plan in seen.plans[1:]]
-    np.testing.assert_array_equal(meant[np.array(begins) - 1], found[np.array(begins) - 1])
+    assert_within_limits(intended_joints(outcome.episode))
+    assert_within_limits(executed_joints(outcome.episode), sum_limits)
+    intended, executed = intended_joints(outcome.episode)[1:], executed_joints(outcome.episode)[1:]
+    starts = [plan.checked.plan.scene.step for plan in recorder.plans[1:]]
+    np.testing.assert_array_equal(intended[np.array(starts) - 1], executed[np.array(starts) - 1])
 
 
 @pytest.mark.slow
 def test_every_moment_of_a_disturbed_plan_can_be_stopped_within_the_limits(planned):
-    """What is meant, whatever is done otherwise at that moment."""
+    """Intended commands keep the limits, whatever the perturbation at that moment."""
     rng, commands = np.random.default_rng(0), max(planned, key=len)
     waves = np.sin(np.arange(len(commands)) / 4.0)[:, None, None] * rng.normal(0, 0.05, (1, 3, 7))
     executed = commands.copy()
     executed[:, :, :7] += waves
     for now in range(1, len(commands), 7):
-        meant, found = come_to_rest_disturbed(commands, executed, now, LIMITS)
-        stopped = np.concatenate([commands[: now + 1], meant, meant[-1:]])
+        intended, executed_stop = come_to_rest_disturbed(commands, executed, now, LIMITS)
+        stopped = np.concatenate([commands[: now + 1], intended, intended[-1:]])
         assert_within_limits(stopped[:, :, :7])
-        np.testing.assert_allclose(meant[-1], found[-1], atol=1e-9)
-        assert meant.shape == found.shape
+        np.testing.assert_allclose(intended[-1], executed_stop[-1], atol=1e-9)
+        assert intended.shape == executed_stop.shape

@@ -1,4 +1,4 @@
-"""Executed motion keeps the joint limits, is rest to rest, and ends exactly at its goal."""
+"""Time parameterisation: motion keeps the joint limits, is rest to rest, and ends exactly at its goal."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ LIMITS = JointLimits(**default_of("limits"))
 
 
 def derivatives(start, timed):
-    """Velocity and acceleration of the 20 Hz samples, with rest before and after."""
+    """Velocity and acceleration of the 20 Hz samples, at rest before and after."""
     full = np.concatenate([[start, start], timed, timed[-1:]])
     velocity = np.diff(full, axis=0) * 20
     return velocity, np.diff(velocity, axis=0) * 20
@@ -38,34 +38,34 @@ def test_timed_motion_keeps_the_limits(seed, corners):
 
 def test_straight_line_takes_the_shortest_time():
     timed = parameterise(np.array([[0.0] * 7, [0.6] * 7]), LIMITS)
-    assert len(timed) == np.ceil(2 * np.sqrt(0.6 / 0.9) * 20)  # never reaches full speed
+    assert len(timed) == np.ceil(2 * np.sqrt(0.6 / 0.9) * 20)  # does not reach the velocity limit
 
 
 @pytest.mark.slow
 def test_durations_of_approaches_are_estimated_without_bias(lift_barrier):
     arm, rng = lift_barrier.arms[1], np.random.default_rng(0)
-    off_s = []
+    errors_s = []
     for _ in range(20):
         goals = np.stack([arm.tcp(np.array(DEFAULT.rest_rad) + rng.uniform(-0.4, 0.4, 7))])
         start = np.array(DEFAULT.rest_rad) + rng.uniform(-0.4, 0.4, 7)
-        ways = Approaches(arm, LIMITS, goals @ transform((0.0, 0.0, -0.1)), goals, start[None])
-        for exact in filter(None, map(ways.exact, ways.estimated())):
+        approaches = Approaches(arm, LIMITS, goals @ transform((0.0, 0.0, -0.1)), goals, start[None])
+        for exact in filter(None, map(approaches.exact, approaches.estimated())):
             corners = densify(np.concatenate([start[None], exact.points]))
-            off_s.append(exact.duration_s - len(parameterise(blend(corners, 0.15), LIMITS)) * CONTROL_DT_S)
-    assert len(off_s) > 40
-    assert abs(np.median(off_s)) < 0.05 and np.percentile(np.abs(off_s), 80) < 0.2
+            errors_s.append(exact.duration_s - len(parameterise(blend(corners, 0.15), LIMITS)) * CONTROL_DT_S)
+    assert len(errors_s) > 40
+    assert abs(np.median(errors_s)) < 0.05 and np.percentile(np.abs(errors_s), 80) < 0.2
 
 
-def test_of_straight_motions_the_duration_is_exact_and_a_corner_costs_time():
-    still = np.zeros(7)
-    far, farther = still + 0.6, still + 1.2
-    assert duration_s(np.stack([still, far]), LIMITS) == pytest.approx(2 * np.sqrt(0.6 / 0.9))
-    straight, back = (duration_s(np.stack([still, far, end]), LIMITS) for end in (farther, still))
-    assert straight == pytest.approx(duration_s(np.stack([still, farther]), LIMITS))
-    assert straight < back < 2 * duration_s(np.stack([still, far]), LIMITS)
+def test_the_duration_of_straight_motion_is_exact_and_a_corner_takes_longer():
+    origin = np.zeros(7)
+    far, farther = origin + 0.6, origin + 1.2
+    assert duration_s(np.stack([origin, far]), LIMITS) == pytest.approx(2 * np.sqrt(0.6 / 0.9))
+    straight, back = (duration_s(np.stack([origin, far, end]), LIMITS) for end in (farther, origin))
+    assert straight == pytest.approx(duration_s(np.stack([origin, farther]), LIMITS))
+    assert straight < back < 2 * duration_s(np.stack([origin, far]), LIMITS)
 
 
-def test_what_does_not_move_takes_no_time_and_what_does_not_exist_for_ever():
+def test_a_path_without_motion_takes_no_time_and_a_nan_path_takes_forever():
     assert parameterise(np.zeros((5, 7)), LIMITS).shape == (0, 7)
     assert duration_s(np.zeros((3, 7)), LIMITS) == 0
     assert duration_s(np.full((2, 3, 7), np.nan), LIMITS).tolist() == [np.inf, np.inf]

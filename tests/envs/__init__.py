@@ -1,1 +1,1 @@
-"""The environments for others: their own checkers, what they promise, what they refuse."""
+"""Tests of the public environments: third-party checkers, guarantees, refused arguments."""

@@ -1,4 +1,4 @@
-"""What the environments refuse says what was wrong, what was found and what is possible."""
+"""Errors of the environments name the problem, the value found and the possible values."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from rf_exp.errors import ArgumentError
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
+    ("make", "message"),
     [
         (lambda: Observations(state="all"), "unknown state 'all'; available: full, joints, none"),  # pyright: ignore
         (lambda: Observations(cameras="wrist"), "unknown cameras 'wrist'; available: all, global, local"),  # pyright: ignore
@@ -34,15 +34,15 @@ from rf_exp.errors import ArgumentError
         (lambda: parallel_env("pick_meat", {"state": "full"}), "observations is {'state': 'full'}; expected"),  # pyright: ignore
     ],
 )
-def test_options_that_are_not_possible(make: Callable[[], Any], says: str) -> None:
+def test_invalid_options_are_refused(make: Callable[[], Any], message: str) -> None:
     with pytest.raises(ArgumentError) as error:
         make()
-    assert says in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("action", "says"),
+    ("action", "message"),
     [
         (
             np.zeros(8),
@@ -56,35 +56,35 @@ def test_options_that_are_not_possible(make: Callable[[], Any], says: str) -> No
         (None, r"action of shape \(\); expected finite numbers of shape \(2, 8\)"),
     ],
 )
-def test_actions_that_are_none(action: Any, says: str) -> None:
+def test_invalid_actions_are_refused(action: Any, message: str) -> None:
     env: Any = CentralEnv("lift_barrier")
     env.reset(seed=0)
-    with pytest.raises(ArgumentError, match=says):
+    with pytest.raises(ArgumentError, match=message):
         env.step(action)
-    env.step(env.action_space.sample())  # nothing is broken
+    env.step(env.action_space.sample())  # the environment still works
     env.close()
 
 
 @pytest.mark.slow
-def test_actions_of_agents_that_are_none() -> None:
+def test_invalid_actions_of_agents_are_refused() -> None:
     env = parallel_env("lift_barrier")
     env.reset(seed=0)
-    fine = {agent: env.action_space(agent).sample() for agent in env.agents}
+    valid = {agent: env.action_space(agent).sample() for agent in env.agents}
     with pytest.raises(
         ArgumentError, match=r"actions of \['agent1'\]; expected one of each of \['agent1', 'agent2'\]"
     ):
-        env.step({"agent1": fine["agent1"]})
+        env.step({"agent1": valid["agent1"]})
     with pytest.raises(
         ArgumentError, match=r"action of agent2 of shape \(7,\); expected finite numbers of shape \(8,\)"
     ):
-        env.step(fine | {"agent2": np.zeros(7)})
+        env.step(valid | {"agent2": np.zeros(7)})
     with pytest.raises(ArgumentError, match="values that are not finite"):
-        env.step(fine | {"agent2": np.full(8, np.nan)})
+        env.step(valid | {"agent2": np.full(8, np.nan)})
     env.close()
 
 
 @pytest.mark.parametrize("make", [CentralEnv, parallel_env])
-def test_a_step_without_an_episode(make: Callable[..., Any]) -> None:
+def test_a_step_without_an_episode_is_refused(make: Callable[..., Any]) -> None:
     env = make("pick_meat", step_limit=1)
     action = {"agent1": np.zeros(8)} if make is parallel_env else np.zeros((1, 8))
     with pytest.raises(ResetNeeded, match=r"no episode is under way; call reset\(\)"):
@@ -101,7 +101,7 @@ def test_a_step_without_an_episode(make: Callable[..., Any]) -> None:
         env.reset()
 
 
-def test_seeds_that_are_none() -> None:
+def test_invalid_seeds_are_refused() -> None:
     env = gymnasium.make(environment_id("pick_meat"))
     with pytest.raises(ArgumentError, match="seed 4294967296: expected a whole number from 0 to 4294967295"):
         env.reset(seed=2**32)

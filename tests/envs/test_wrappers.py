@@ -1,4 +1,4 @@
-"""Gymnasium's own wrappers around the environments: what docs/environments.md says of films."""
+"""Gymnasium's wrappers around the environments, as docs/environments.md describes for films."""
 
 import gymnasium
 import imageio_ffmpeg
@@ -30,14 +30,14 @@ def test_every_episode_is_filmed(tmp_path) -> None:
     ]
     for path in tmp_path.iterdir():
         reader = imageio_ffmpeg.read_frames(str(path))
-        facts = next(reader)
-        assert (facts["size"], facts["fps"]) == ((64, 48), CONTROL_HZ)
+        metadata = next(reader)
+        assert (metadata["size"], metadata["fps"]) == ((64, 48), CONTROL_HZ)
         assert len(list(reader)) == LIMIT + 1
 
 
 @pytest.mark.slow
-def test_maniskill_s_own_recorder_asks_for_what_these_are_not(tmp_path) -> None:
-    """As the documents say: once it fits, they are to say so."""
+def test_the_recorder_of_maniskill_is_not_supported(tmp_path) -> None:
+    """As documented; if this fails, update the documents."""
     from mani_skill.utils.wrappers import RecordEpisode
 
     env = gymnasium.make("rf_exp/pick_meat-v1")

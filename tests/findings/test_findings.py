@@ -1,4 +1,4 @@
-"""Laws over all findings: each has a sentence, written from its facts, and survives being written down."""
+"""Properties of all findings: each has a sentence with its facts, and can be stored and restored."""
 
 import re
 from dataclasses import replace
@@ -8,7 +8,7 @@ import pytest
 from rf_exp.artifacts import plain, restored
 from rf_exp.findings import Account, Cause, CheckName, Doing, Finding, Violation
 
-EVERYTHING = Violation(
+ALL_FIELDS = Violation(
     check=CheckName.OCCUPANCY,
     cause=Cause.SPACE,
     value=0.25,
@@ -29,27 +29,27 @@ EVERYTHING = Violation(
 
 
 @pytest.mark.parametrize("finding", Finding)
-def test_every_finding_says_the_facts_that_its_form_names(finding: Finding) -> None:
-    violation = replace(EVERYTHING, finding=finding)
-    said = violation.sentence
-    assert said and not set("{}") & set(said)
-    assert re.findall(r"\{(\w+)", finding.template) or said == finding.template
-    assert replace(violation, measured=True).sentence  # what is measured is known without a plan
+def test_every_finding_fills_its_template(finding: Finding) -> None:
+    violation = replace(ALL_FIELDS, finding=finding)
+    sentence = violation.sentence
+    assert sentence and not set("{}") & set(sentence)
+    assert re.findall(r"\{(\w+)", finding.template) or sentence == finding.template
+    assert replace(violation, measured=True).sentence  # also for measured violations, which have no plan
     assert "0.25" not in violation.kind and "2.5" not in violation.kind
 
 
 @pytest.mark.parametrize("finding", Finding)
-def test_a_violation_survives_being_written_down(finding: Finding) -> None:
-    account = Account(rejections=(replace(EVERYTHING, finding=finding, measured=True),))
+def test_a_violation_can_be_stored_and_restored(finding: Finding) -> None:
+    account = Account(rejections=(replace(ALL_FIELDS, finding=finding, measured=True),))
     assert restored(Account, plain(account)) == account
 
 
-def test_findings_have_codes_of_their_own() -> None:
+def test_findings_have_unique_codes() -> None:
     assert len({str(finding) for finding in Finding}) == len(Finding.__members__)
 
 
-def test_who_is_on_its_way_is_blocked_by_who_stands() -> None:
-    parked = replace(EVERYTHING, finding=Finding.PARKED)
+def test_the_moving_agent_is_blocked_by_the_resting_one() -> None:
+    parked = replace(ALL_FIELDS, finding=Finding.PARKED)
     assert parked.sentence.startswith(
         "where Agent_2 stands before and after its motion blocks Agent_1 1.50 s"
     )

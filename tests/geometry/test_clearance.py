@@ -1,4 +1,4 @@
-"""Diagrams and distances against brute force with coal over every pair of links."""
+"""Collision diagrams and distances against brute force with coal over all pairs of links."""
 
 from dataclasses import replace
 
@@ -25,8 +25,8 @@ from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
 TWO = team(2)
 
 
-def brute(a: Swept, b: Swept, row: int, column: int) -> float:
-    """The exact distance of two bodies: the least over all pairs of pieces, nothing skipped."""
+def exact_distance_m(a: Swept, b: Swept, row: int, column: int) -> float:
+    """The exact distance of two bodies: the minimum over all pairs of pieces, in m."""
     request, best = coal.DistanceRequest(), np.inf
     for i, x in enumerate(a.pieces):
         for j, y in enumerate(b.pieces):
@@ -45,11 +45,11 @@ def brute(a: Swept, b: Swept, row: int, column: int) -> float:
 
 
 @pytest.mark.parametrize("margin_m", [0.0, 0.02])
-def test_the_diagram_is_the_exact_test_of_every_cell(margin_m):
+def test_the_diagram_equals_the_exact_test_of_every_cell(margin_m):
     a, b = arms(TWO, np.random.default_rng(3), 14)
-    exact = np.array([[brute(a, b, r, c) for c in range(14)] for r in range(14)])
+    exact = np.array([[exact_distance_m(a, b, r, c) for c in range(14)] for r in range(14)])
     diagram = closer_than(a, b, margin_m, between=False)
-    assert 5 < diagram.sum() < 190  # both outcomes are there
+    assert 5 < diagram.sum() < 190  # both outcomes occur
     assert exact[~diagram].min() >= margin_m
     assert exact[diagram].max() <= (1 + FORBID_TOLERANCE) * margin_m + 2 * SLACK_M
 
@@ -65,65 +65,67 @@ def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
     a, b = planning_scene.arm(1, paths[0]), planning_scene.arm(2, paths[1])
     diagram = closer_than(a, b, 0.01, between=False)
     cells = rng.integers(0, 120, (400, 2))
-    edge = np.argwhere(diagram[1:, 1:] != diagram[:-1, 1:])[:60]  # where it is decided
+    edge = np.argwhere(diagram[1:, 1:] != diagram[:-1, 1:])[:60]  # cells at the boundary
     for row, column in np.concatenate([cells, edge]).tolist():
-        exact = brute(a, b, row, column)
+        exact = exact_distance_m(a, b, row, column)
         assert exact < (1 + FORBID_TOLERANCE) * 0.01 + 2 * SLACK_M if diagram[row, column] else exact >= 0.01
 
 
 @pytest.mark.slow
-def test_what_is_forbidden_between_positions_is_not_more_than_the_doubt():
-    """Both sides of the limit, over every cell of smooth paths: what pieces have to spare."""
+def test_cells_are_forbidden_only_within_the_tolerance():
+    """The clearance of free and forbidden cells of smooth paths lies on either side of the limit."""
     rng = np.random.default_rng(11)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     sweep = np.linspace(0, 1, 40)[:, None]
     keys = random_qpos(rng, 2), random_qpos(rng, 2)
     a, b = (planning_scene.arm(k + 1, key[0] + sweep * (key[1] - key[0])) for k, key in enumerate(keys))
     margin_m = 0.01
-    spare = np.full((40, 40), np.inf)
+    clearance_m = np.full((40, 40), np.inf)
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     for row, column, i, j in np.ndindex(40, 40, len(a.pieces), len(b.pieces)):
-        keep = margin_m + (a.stride_m[row, i] + b.stride_m[column, j]) / 2
-        apart = np.linalg.norm(a.centres[row, i] - b.centres[column, j]) - a.radii_m[i] - b.radii_m[j]
-        if apart - keep < min(spare[row, column], margin_m):
+        required_m = margin_m + (a.stride_m[row, i] + b.stride_m[column, j]) / 2
+        gap_m = np.linalg.norm(a.centres[row, i] - b.centres[column, j]) - a.radii_m[i] - b.radii_m[j]
+        if gap_m - required_m < min(clearance_m[row, column], margin_m):
             result.clear()
-            at = a.coal_transform(row, i), b.coal_transform(column, j)
-            exact = coal.distance(a.pieces[i].shape, at[0], b.pieces[j].shape, at[1], request, result)
-            spare[row, column] = min(spare[row, column], exact - keep)
+            transforms = a.coal_transform(row, i), b.coal_transform(column, j)
+            exact = coal.distance(
+                a.pieces[i].shape, transforms[0], b.pieces[j].shape, transforms[1], request, result
+            )
+            clearance_m[row, column] = min(clearance_m[row, column], exact - required_m)
     diagram = closer_than(a, b, margin_m)
     assert 100 < diagram.sum() < 1500
-    assert spare[~diagram].min() >= 0
-    assert spare[diagram].max() <= FORBID_TOLERANCE * margin_m + 2 * SLACK_M
-    assert np.mean(spare[diagram] > 2 * SLACK_M) < 0.01
+    assert clearance_m[~diagram].min() >= 0
+    assert clearance_m[diagram].max() <= FORBID_TOLERANCE * margin_m + 2 * SLACK_M
+    assert np.mean(clearance_m[diagram] > 2 * SLACK_M) < 0.01
 
 
 @pytest.mark.slow
 def test_no_collision_is_missed_near_contact():
-    """States close to first contact, on both sides of it, found by bisection."""
+    """For states on both sides of first contact, found by bisection."""
     rng = np.random.default_rng(5)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
-    met = 0
-    while met < 60:
-        here, there = random_qpos(rng, 2)
-        a = planning_scene.arm(1, here)
+    contacts = 0
+    while contacts < 60:
+        qpos_a, qpos_b = random_qpos(rng, 2)
+        a = planning_scene.arm(1, qpos_a)
         if (
-            brute(a, planning_scene.arm(2, there), 0, 0) >= 0
-            or brute(a, planning_scene.arm(2, REST), 0, 0) <= 0
+            exact_distance_m(a, planning_scene.arm(2, qpos_b), 0, 0) >= 0
+            or exact_distance_m(a, planning_scene.arm(2, REST), 0, 0) <= 0
         ):
             continue
-        low, high = 0.0, 1.0  # the way of agent 2 back to rest: overlap at low, clear at high
+        low, high = 0.0, 1.0  # motion of agent 2 back to rest: overlap at low, free at high
         for _ in range(14):
             middle = (low + high) / 2
-            hit = brute(a, planning_scene.arm(2, there + middle * (REST - there)), 0, 0) < 0
+            hit = exact_distance_m(a, planning_scene.arm(2, qpos_b + middle * (REST - qpos_b)), 0, 0) < 0
             low, high = (middle, high) if hit else (low, middle)
         for fraction in (low, high):
-            b = planning_scene.arm(2, there + fraction * (REST - there))
-            exact = brute(a, b, 0, 0)
+            b = planning_scene.arm(2, qpos_b + fraction * (REST - qpos_b))
+            exact = exact_distance_m(a, b, 0, 0)
             assert abs(exact) < 1e-3
-            if exact < 0 or exact > 2 * SLACK_M:  # doubt counts as contact
+            if exact < 0 or exact > 2 * SLACK_M:  # distances within the tolerance count as contact
                 assert closer_than(a, b, 0.0)[0, 0] == (exact < 0)
             assert closer_than(a, b, 0.01)[0, 0]
-        met += 1
+        contacts += 1
 
 
 def test_swapping_the_agents_transposes_the_diagram():
@@ -132,8 +134,8 @@ def test_swapping_the_agents_transposes_the_diagram():
         assert (closer_than(a, b, 0.01, between=between) == closer_than(b, a, 0.01, between=between).T).all()
 
 
-def test_free_neighbours_prove_the_motion_between_them():
-    """Half-way and quarter-way states between any two free neighbours keep clear of contact."""
+def test_motion_between_free_neighbours_is_free():
+    """Intermediate states between any two free neighbours have no contact."""
     rng = np.random.default_rng(7)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     fine = 8
@@ -151,22 +153,24 @@ def test_free_neighbours_prove_the_motion_between_them():
         assert not hit[rows * fine + step, columns * fine + step].any()
 
 
-def test_nearest_is_the_least_over_cells_and_pieces():
+def test_nearest_is_the_minimum_over_cells_and_pieces():
     a, b = arms(TWO, np.random.default_rng(8), 6)
-    exact = np.array([[brute(a, b, r, c) for c in range(6)] for r in range(6)])
-    found = nearest(a, b)
-    assert found is not None
-    assert found.distance_m == pytest.approx(exact.min(), abs=1e-6)
-    assert exact[found.at] == pytest.approx(exact.min(), abs=1e-6)
-    one = nearest(a, b, np.array([[2, 3]]))
-    assert one is not None
-    assert one.distance_m == pytest.approx(exact[2, 3], abs=1e-6)
+    exact = np.array([[exact_distance_m(a, b, r, c) for c in range(6)] for r in range(6)])
+    closest = nearest(a, b)
+    assert closest is not None
+    assert closest.distance_m == pytest.approx(exact.min(), abs=1e-6)
+    assert exact[closest.at] == pytest.approx(exact.min(), abs=1e-6)
+    in_cell = nearest(a, b, np.array([[2, 3]]))
+    assert in_cell is not None
+    assert in_cell.distance_m == pytest.approx(exact[2, 3], abs=1e-6)
 
 
-def test_nearest_along_smooth_paths_looks_at_few_cells_and_misses_none(monkeypatch: pytest.MonkeyPatch):
-    looked = []
-    exactly = clearance.exact_m
-    monkeypatch.setattr(clearance, "exact_m", lambda *where: looked.append(where) or exactly(*where))
+def test_nearest_along_smooth_paths_evaluates_few_cells_exactly(monkeypatch: pytest.MonkeyPatch):
+    evaluated = []
+    exact_m = clearance.exact_m
+    monkeypatch.setattr(
+        clearance, "exact_m", lambda *arguments: evaluated.append(arguments) or exact_m(*arguments)
+    )
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     rng, cells = np.random.default_rng(6), np.stack([np.arange(80)] * 2, axis=1)
     for _ in range(6):
@@ -175,23 +179,23 @@ def test_nearest_along_smooth_paths_looks_at_few_cells_and_misses_none(monkeypat
             np.stack([np.interp(np.linspace(0, 2, 80), range(3), k) for k in key.T[:7]]).T for key in keys
         ]
         a, b = planning_scene.arm(1, paths[0]), planning_scene.arm(2, paths[1])
-        found, exact = nearest(a, b, cells), [brute(a, b, k, k) for k in range(80)]
-        assert found is not None and found.distance_m == pytest.approx(min(exact), abs=1e-6)
-        assert exact[found.at[0]] == pytest.approx(min(exact), abs=1e-6) and found.at[0] == found.at[1]
-    assert len(looked) < 0.01 * 6 * 80 * len(a.pieces) * len(b.pieces)
+        closest, exact = nearest(a, b, cells), [exact_distance_m(a, b, k, k) for k in range(80)]
+        assert closest is not None and closest.distance_m == pytest.approx(min(exact), abs=1e-6)
+        assert exact[closest.at[0]] == pytest.approx(min(exact), abs=1e-6) and closest.at[0] == closest.at[1]
+    assert len(evaluated) < 0.01 * 6 * 80 * len(a.pieces) * len(b.pieces)
 
 
-def test_overlap_answers_for_touching_bodies_only():
+def test_overlap_is_found_for_touching_bodies_only():
     rng = np.random.default_rng(9)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     outcomes = set()
     for _ in range(40):
         a, b = planning_scene.arm(1, random_qpos(rng, 1)), planning_scene.arm(2, random_qpos(rng, 1))
-        exact, found = brute(a, b, 0, 0), overlap(a, b)
-        outcomes.add(found is None)
-        assert (found is None) == (exact > 0)
-        if found is not None:
-            assert found.distance_m == pytest.approx(exact, abs=1e-6)
+        exact, contact = exact_distance_m(a, b, 0, 0), overlap(a, b)
+        outcomes.add(contact is None)
+        assert (contact is None) == (exact > 0)
+        if contact is not None:
+            assert contact.distance_m == pytest.approx(exact, abs=1e-6)
     assert outcomes == {True, False}
 
 
@@ -207,7 +211,7 @@ def test_contact_begins_at_distance_zero():
 
 @pytest.mark.slow
 def test_false_alarms_of_the_planning_margin_are_rare():
-    """The margin may refuse states that do not touch: at most 5 % of them."""
+    """The margin refuses at most 5 % of the states without contact."""
     rng = np.random.default_rng(10)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     a, b = planning_scene.arm(1, random_qpos(rng, 60)), planning_scene.arm(2, random_qpos(rng, 60))
@@ -216,18 +220,18 @@ def test_false_alarms_of_the_planning_margin_are_rare():
     assert (alarm & ~touch).sum() <= 0.05 * (~touch).sum()
 
 
-def test_an_arm_that_folds_into_itself_is_found():
-    folded_up = np.array([0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0])  # the hand inside the shoulder
+def test_a_self_collision_is_found():
+    folded_up = np.array([0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0])  # the gripper inside the shoulder
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, np.stack([REST, folded_up]))
     assert self_collisions(body, DEFAULT.self_pairs).tolist() == [False, True]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lengths", [(40, 5), (3, 35), (1, 9), (1, 1)])
-def test_paths_of_any_two_lengths_give_the_same_cells_as_long_ones(lengths):
+def test_diagrams_of_shorter_paths_equal_parts_of_the_full_one(lengths):
     a, b = arms(TWO, np.random.default_rng(12), 40)
-    whole = closer_than(a, b, 0.01, between=False)
-    assert whole[: lengths[0], : lengths[1]].any() or min(lengths) == 1
+    full = closer_than(a, b, 0.01, between=False)
+    assert full[: lengths[0], : lengths[1]].any() or min(lengths) == 1
     rows, columns = lengths
     a, b = replace(a, poses=a.poses[:rows]), replace(b, poses=b.poses[:columns])
-    assert (closer_than(a, b, 0.01, between=False) == whole[:rows, :columns]).all()
+    assert (closer_than(a, b, 0.01, between=False) == full[:rows, :columns]).all()

@@ -1,4 +1,4 @@
-"""Voxels filled from volume: complete, nearly tight, and shared by whatever touches."""
+"""Voxels of a volume: complete, nearly tight, and shared by bodies in contact."""
 
 import numpy as np
 import pytest
@@ -25,11 +25,11 @@ from tests.constraints.robots import random_qpos, scene_of, team
 TWO = team(2)
 
 
-def voxel_of(points):
+def voxels_of(points):
     return {*map(tuple, np.floor(points / VOXEL_M).astype(int).tolist())}
 
 
-def inside(piece: Piece, count: int, rng: np.random.Generator):
+def sample_points(piece: Piece, count: int, rng: np.random.Generator):
     weights = rng.dirichlet(np.full(len(piece.vertices), 0.05), count)
     return np.concatenate([weights @ piece.vertices, piece.vertices])
 
@@ -41,16 +41,16 @@ def test_every_point_of_every_link_lies_in_an_occupied_voxel():
         body = planning_scene.arm(1, qpos)
         occupied = {*map(tuple, voxels(body).tolist())}
         for piece, pose in zip(body.pieces, body.poses[0], strict=True):
-            assert voxel_of(apply(pose, inside(piece, 800, rng))) <= occupied
+            assert voxels_of(apply(pose, sample_points(piece, 800, rng))) <= occupied
 
 
 @pytest.mark.slow
 def test_voxels_are_nearly_tight():
-    """No occupied voxel is a whole voxel away from the arm, and few miss it."""
+    """Every occupied voxel is less than a voxel away from the arm, and most contain a part of it."""
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(1), 1))
     samples = np.concatenate(
         [
-            apply(pose, inside(piece, 6000, np.random.default_rng(2)))
+            apply(pose, sample_points(piece, 6000, np.random.default_rng(2)))
             for piece, pose in zip(arm_pieces(DEFAULT), body.poses[0], strict=True)
         ]
     )
@@ -60,7 +60,7 @@ def test_voxels_are_nearly_tight():
     assert (gaps < 0.6 * VOXEL_M).mean() > 0.8
 
 
-def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
+def test_finer_voxels_contain_every_point_and_lie_in_the_coarse_ones():
     rng = np.random.default_rng(5)
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(rng, 1))
     coarse = {*map(tuple, voxels(body).tolist())}
@@ -68,26 +68,26 @@ def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
     assert {*map(tuple, (fine // 2).tolist())} == coarse
     filled = {*map(tuple, fine.tolist())}
     for piece, pose in zip(body.pieces, body.poses[0], strict=True):
-        points = apply(pose, inside(piece, 800, rng))
+        points = apply(pose, sample_points(piece, 800, rng))
         assert {*map(tuple, np.floor(points / (VOXEL_M / 2)).astype(int).tolist())} <= filled
 
 
 @pytest.mark.slow
-def test_arms_that_touch_share_a_voxel_and_few_others_do():
+def test_touching_arms_share_a_voxel_and_few_others_do():
     rng = np.random.default_rng(4)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
-    touched = alarms = clear = 0
+    touched = false_alarms = clear = 0
     for _ in range(120):
         a, b = planning_scene.arm(1, random_qpos(rng, 1)), planning_scene.arm(2, random_qpos(rng, 1))
-        meets = len(shared(voxels(a), voxels(b))) > 0
+        share_voxel = len(shared(voxels(a), voxels(b))) > 0
         if overlap(a, b) is not None:
             touched += 1
-            assert meets
+            assert share_voxel
         else:
             clear += 1
-            alarms += meets
+            false_alarms += share_voxel
     assert touched > 10
-    assert alarms < 0.4 * clear  # the first look alone; the second one, exact, has none
+    assert false_alarms < 0.4 * clear  # of the voxels alone; the exact test after them has none
 
 
 def test_a_box_fills_the_voxels_it_enters():
@@ -109,13 +109,13 @@ def test_shared_voxels_are_sorted_and_may_be_none():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("margin_m", [0.0, 0.03])
-def test_voxels_beside_a_body_are_those_within_a_margin_of_it(margin_m):
+def test_voxels_within_a_margin_of_a_body(margin_m):
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(6), 1))
-    middle = np.floor(body.centres[0].mean(axis=0) / VOXEL_M).astype(int)
-    around = np.random.default_rng(7).integers(middle - 8, middle + 8, (600, 3))
-    gaps = [nearest(body, boxes(cube[None])) for cube in around]
+    centre = np.floor(body.centres[0].mean(axis=0) / VOXEL_M).astype(int)
+    sampled = np.random.default_rng(7).integers(centre - 8, centre + 8, (600, 3))
+    gaps = [nearest(body, boxes(cube[None])) for cube in sampled]
     gaps_m = np.array([gap.distance_m for gap in gaps if gap is not None])
-    near = within_margin(around, body, margin_m)
-    assert near[gaps_m < margin_m - 1e-6].all()
-    assert not near[gaps_m > 2 * margin_m + 0.01].any()
-    assert 20 < near.sum() < 300
+    is_near = within_margin(sampled, body, margin_m)
+    assert is_near[gaps_m < margin_m - 1e-6].all()
+    assert not is_near[gaps_m > 2 * margin_m + 0.01].any()
+    assert 20 < is_near.sum() < 300

@@ -1,4 +1,4 @@
-"""Arms with what they carry: where objects stand, ride and are left; who may touch what."""
+"""Arms with held objects: poses of objects before, while and after they are held, and allowed contacts."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def lid_plan():
     return scene, trajectories, PlanningScene(FOOD, scene, trajectories)
 
 
-def test_an_object_stands_rides_and_is_left(lid_plan):
+def test_an_object_rests_and_then_moves_with_the_gripper(lid_plan):
     scene, trajectories, planning_scene = lid_plan
     body = planning_scene.along(trajectories[1])
     lid = body.labels.index("lid")
@@ -35,21 +35,21 @@ def test_an_object_stands_rides_and_is_left(lid_plan):
     assert "lid" not in planning_scene.static_objects().labels
 
 
-def test_the_gripper_touches_only_what_its_segment_names(lid_plan):
+def test_the_gripper_may_touch_only_objects_of_its_segment(lid_plan):
     scene, trajectories, planning_scene = lid_plan
     body = planning_scene.along(trajectories[1])
     assert not closer_than(body, planning_scene.static_objects(), 0.003).any()
-    blind = replace(
+    without_contacts = replace(
         trajectories[1],
         segments=tuple(replace(s, touches=frozenset(), attached=None) for s in trajectories[1].segments),
     )
-    strict = PlanningScene(FOOD, scene, (trajectories[0], blind))
-    found = nearest(strict.along(blind), strict.static_objects(["lid"]))
-    assert found is not None and found.distance_m < 0.003
-    assert "finger" in found.a and found.b == "lid"
+    strict_scene = PlanningScene(FOOD, scene, (trajectories[0], without_contacts))
+    closest = nearest(strict_scene.along(without_contacts), strict_scene.static_objects(["lid"]))
+    assert closest is not None and closest.distance_m < 0.003
+    assert "finger" in closest.a and closest.b == "lid"
 
 
-def test_a_lid_may_scrape_its_pot_only_where_it_is_lifted_off(lid_plan):
+def test_a_lid_may_touch_its_pot_only_while_it_is_lifted_off(lid_plan):
     _, trajectories, planning_scene = lid_plan
     body = planning_scene.along(trajectories[1])
     assert body.rests["pot"][trajectories[1].knots[-2] :].all()
@@ -57,14 +57,14 @@ def test_a_lid_may_scrape_its_pot_only_where_it_is_lifted_off(lid_plan):
     assert not body.rests["steak"].any()
 
 
-def test_what_one_arm_carries_is_an_obstacle_for_another(lid_plan):
+def test_an_object_held_by_one_arm_is_an_obstacle_for_another(lid_plan):
     scene, trajectories, _ = lid_plan
     over_pot = Hand(FOOD, scene, 1)
     above = transform((*scene.poses["pot"][:2, 3], 0.30)) @ np.diag([1.0, -1.0, -1.0, 1.0])
     other = over_pot.to(above, 20, Subgoal(1, "carry", "steak"), "move").trajectory
     both = PlanningScene(FOOD, scene, (other, trajectories[1]))
     diagram = closer_than(both.along(other), both.along(trajectories[1]), 0.01)
-    assert not diagram[0].any()  # at rest, agent 1 is in nobody's way
+    assert not diagram[0].any()  # at rest, agent 1 blocks no cell
     assert diagram[-1, -1]  # over the pot it meets the arm that lifts the lid
 
 
@@ -77,13 +77,13 @@ def test_a_held_object_may_be_touched_until_the_gripper_has_opened():
     held = replace(scene, qpos=qpos, held=("barrier", None))
     subgoal = Subgoal(1, "release", "barrier")
     opening = Segment(1, subgoal, "open", np.tile(grasped.qpos, (8, 1)), np.full(8, GRIPPER_OPEN))
-    away = Segment(1, subgoal, "retreat", motion(grasped.qpos, REST, 20), np.full(20, GRIPPER_OPEN))
-    trajectory = Trajectory(1, grasped.qpos, GRIPPER_CLOSED, (opening, away))
+    retreat = Segment(1, subgoal, "retreat", motion(grasped.qpos, REST, 20), np.full(20, GRIPPER_OPEN))
+    trajectory = Trajectory(1, grasped.qpos, GRIPPER_CLOSED, (opening, retreat))
     body = PlanningScene(task, held, (trajectory, idle(2))).along(trajectory)
     assert body.touches["barrier"].tolist() == [True] * 9 + [False] * 20
 
 
-def test_fingers_are_as_wide_as_they_may_be():
+def test_fingers_are_assumed_as_wide_as_possible():
     scene = scene_of(FOOD)
     hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
     planning_scene = PlanningScene(FOOD, scene, (hand.trajectory, idle(2)))
@@ -94,8 +94,8 @@ def test_fingers_are_as_wide_as_they_may_be():
     assert width[-1] == pytest.approx(FOOD.asset("steak").points["center"].width_m)
 
 
-def test_what_two_arms_hold_is_no_obstacle_between_them():
-    """One end of the barrier goes up before the other: the other arm's wrist is not in the way."""
+def test_an_object_held_by_two_arms_is_not_an_obstacle_between_them():
+    """One end of the barrier is lifted first: the wrist of the other arm is not an obstacle."""
     task = real("lift_barrier")
     start = scene_of(task)
     qpos = start.qpos.copy()
@@ -109,7 +109,7 @@ def test_what_two_arms_hold_is_no_obstacle_between_them():
         assert closer_than(planning_scene.along(lift), other, 0.01).any() == blocked
 
 
-def test_the_table_counts_all_but_the_bolted_base():
+def test_all_links_but_the_base_are_checked_against_the_table():
     task = team(1)
     planning_scene = PlanningScene(task, scene_of(task))
     low = REST.copy()
@@ -119,12 +119,12 @@ def test_the_table_counts_all_but_the_bolted_base():
 
 
 def test_the_distance_of_two_arms_names_their_links():
-    found = PlanningScene(FOOD, scene_of(FOOD)).between(1, 2)
-    assert 0.0 < found.distance_m < 1.0
-    assert found.a.startswith("panda_") and found.b.startswith("panda_")
+    closest = PlanningScene(FOOD, scene_of(FOOD)).between(1, 2)
+    assert 0.0 < closest.distance_m < 1.0
+    assert closest.a.startswith("panda_") and closest.b.startswith("panda_")
 
 
-def test_an_object_that_does_not_exist_is_named_with_those_that_do():
+def test_an_unknown_object_is_refused_with_the_known_ones():
     scene = scene_of(FOOD)
     stray = walk(1, [REST, REST + 0.1], attached="hat", tcp_from_object=np.eye(4))
     with pytest.raises(ArgumentError, match=r"unknown attached object 'hat'; available: lid, pot, steak"):
@@ -133,7 +133,7 @@ def test_an_object_that_does_not_exist_is_named_with_those_that_do():
         PlanningScene(FOOD, scene).static_objects(["hat"])
 
 
-def test_carrying_without_a_grip_is_an_error_that_says_so():
+def test_holding_an_object_without_a_grasp_pose_is_refused():
     scene = scene_of(FOOD)
     loose = walk(1, [REST, REST + 0.1], attached="steak")
     with pytest.raises(

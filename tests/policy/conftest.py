@@ -1,4 +1,4 @@
-"""A small learnable world: a block somewhere in the picture, and arms that must go where it says."""
+"""A small learnable world: the place of a block in the picture determines the goal of its arm."""
 
 import csv
 from collections.abc import Callable, Iterable, Mapping
@@ -21,7 +21,7 @@ from rf_exp.types import Arch, Episode, Scene
 from tests.conftest import CONF
 
 HEIGHT, WIDTH, STEPS = 32, 48, 24
-STILL = 5  # steps before the arms move: until then only the picture tells where to
+STILL = 5  # steps before the arms move: until then only the picture shows the goal
 ARCHS = tuple(
     Arch(f"{policy}_{view}", policy == "shared", view == "global")
     for policy in ("shared", "separate")
@@ -31,7 +31,7 @@ REST = np.array([0.0, 0.4, 0.0, -1.9, 0.0, 2.3, 0.8])
 
 
 def block_position(seed: int, agents: int) -> NDArray[np.float64]:
-    """(N, 2) where the block of each agent lies, in [-1, 1]."""
+    """(N, 2) positions of the blocks, one per agent, in [-1, 1]."""
     return np.random.default_rng([seed, 7]).uniform(-1, 1, (agents, 2))
 
 
@@ -44,7 +44,7 @@ def block_poses(seed: int, agents: int) -> dict[str, NDArray[np.float32]]:
 
 
 def scene_of(agents: int) -> dict[str, object]:
-    """What a store's identity says of the arms."""
+    """The scene in a store's identity: bases of the arms and cameras."""
     robots = [{"x_m": 0.5 * k, "y_m": -0.3, "yaw_deg": 90.0 * k} for k in range(agents)]
     camera = {"eye_m": [1.8, 0.2, 1.2], "target_m": [0.4, 0.1, 0.3], "fov_deg": 70.0, "mount": "world"}
     names = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
@@ -52,7 +52,7 @@ def scene_of(agents: int) -> dict[str, object]:
 
 
 def goal(block: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(7,) rad: where an arm must go for a block at (2,)."""
+    """(7,) rad: the joints that an arm must reach for a block at (2,)."""
     change = np.zeros(7)
     change[[0, 1, 3]] = 0.4 * block[0], 0.3 * block[1], -0.3 * block[1]
     return REST + change
@@ -86,20 +86,20 @@ def make_episode(seed: int, agents: int) -> Episode:
 
 
 def scene_at(episode: Episode, step: int) -> Scene:
-    """What was measured at a step of an episode, with its arms at rest."""
+    """The scene at a step of an episode, with zero velocities."""
     poses = {name: from_quaternion(values[step]) for name, values in episode.poses.items()}
     qpos = episode.qpos[step].astype(float)
     return Scene(step, qpos, np.zeros_like(qpos), poses, {}, (None,) * len(qpos))
 
 
 def shown(runner: PolicyRunner, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> Observation:
-    """What a runner is handed of a scene and its pictures."""
-    (found,) = observe(scene, Taken(pictures), [runner.declaration])
+    """The observation that a runner receives of a scene and its pictures."""
+    (found,) = observe(scene, StillWorld(pictures), [runner.declaration])
     return found
 
 
-class Taken:
-    """A world that stands still: of which there are pictures."""
+class StillWorld:
+    """World that only has pictures: it is never reset or moved."""
 
     def __init__(self, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
         self.pictures = pictures
@@ -141,13 +141,13 @@ def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int],
 
 
 def varied(config: PolicyConfig, changes: Mapping[str, Any]) -> PolicyConfig:
-    """The policy with other values: dotted key -> value. What it does not say is as in the paper's recipe."""
+    """The config with changes, dotted key -> value. Sections that it lacks are as in the paper's recipe."""
     node = merged(_paper()["policy"], plain(config.identity))
     return PolicyConfig.read(merged(node, _nested(changes)))
 
 
 def small_policy(**changes: Any) -> PolicyConfig:
-    """The paper's windows, and networks that learn in seconds; changes of the outermost keys."""
+    """Config with the paper's windows and networks that learn in seconds; `changes` by dotted keys."""
     diffusion = {"channels": (16, 32), "sampler": "ddim", "inference_steps": 10, "prediction": "sample"}
     small = {
         "encoder.name": "compact",
@@ -171,7 +171,7 @@ def training_of(**changes: Any) -> TrainConfig:
 
 @cache
 def _paper() -> dict[str, Any]:
-    """`conf/policy/paper.yaml`, in which the defaults are."""
+    """`conf/policy/paper.yaml`, which holds the defaults."""
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "policy" / "paper.yaml"))
     del node["policy"]["code"]
     return node
@@ -194,7 +194,7 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def small_training(steps: int, **changes: Any) -> TrainConfig:
-    """Small batches, a larger learning rate than the paper's."""
+    """Training with small batches and a larger learning rate than the paper's."""
     values = {"batch_size": 32, "run_length": 4, "learning_rate": 1e-3, "warmup_steps": 50}
     return training_of(**({"epochs": None, "steps": steps} | values | changes))
 

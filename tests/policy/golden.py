@@ -1,14 +1,15 @@
-"""Digests of six small trainings and of what their policies command, kept in golden.json beside this file.
+"""Digests of six small trainings and of the commands of their policies, in golden.json beside this file.
 
-    python -m tests.policy.golden            takes them anew, half a minute of one core
+    python -m tests.policy.golden            computes and writes them, half a minute of one core
     python -m tests.policy.golden --show     prints them and writes nothing
 
-They hold learning still while its code is moved: weights are compared as a set, whatever they are called.
-Initial weights come from the order in which networks are built, so that shows too. Where a digest changes,
-learning gives other policies than before: raise LEARNER in rf_exp/policy/config.py, then take them anew.
+They show whether a refactoring changes learning: weights are compared as a set, whatever their names.
+Initial weights depend on the order in which networks are built, so a changed order shows too. If a digest
+changes, learning gives other policies than before: raise LEARNER in rf_exp/policy/config.py, then compute
+them anew.
 
-PyTorch and its libraries compute with kernels of any processor that has AVX2 (`KERNELS`). Where bytes differ
-all the same, on another kind of processor than the one that the file names, losses are to be as recorded.
+PyTorch and its libraries use kernels that any processor with AVX2 has (`KERNELS`). If bytes differ anyway, on
+another kind of processor than the one named in the file, losses must be as recorded.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from rf_exp.artifacts import write_json
 from tests.golden import processor
 
 FILE = Path(__file__).with_name("golden.json")
-# PyTorch's, oneDNN's and MKL's, by their documentation: "CPU capability", "CPU dispatcher control" and
+# For PyTorch, oneDNN and MKL, by their documentation: "CPU capability", "CPU dispatcher control" and
 # "Conditional Numerical Reproducibility".
 KERNELS = {
     "ATEN_CPU_CAPABILITY": "avx2",
@@ -36,8 +37,8 @@ KERNELS = {
     "MKL_CBWR": "AVX2",
     "OMP_NUM_THREADS": "1",
 }
-AGENTS, EPISODES, HELD_OUT = 2, 2, 100  # episodes that are learned from, and the seed of one that is not
-COMMANDS = 20  # control steps of the runner that are kept
+AGENTS, EPISODES, HELD_OUT = 2, 2, 100  # episodes for training, and the seed of a held-out one
+COMMANDS = 20  # recorded control steps of the runner
 _ALL = ("training.batch_size=8", "training.warmup_steps=2", "training.device=cpu")
 _ENCODER, _HEAD = "policy.encoder.keypoints", "policy.head"
 _SMALL = (
@@ -57,7 +58,7 @@ RECIPES: dict[str, tuple[str, ...]] = {
 Digests = dict[str, Any]
 
 
-def of(recipe: str, folder: Path) -> Digests:
+def digests_of(recipe: str, folder: Path) -> Digests:
     """Digests of one recipe: weights, commands, and the losses of its steps."""
     import torch
 
@@ -70,10 +71,10 @@ def of(recipe: str, folder: Path) -> Digests:
 
     torch.set_num_threads(1)
     picture = f"picture={{width: {WIDTH}, height: {HEIGHT}}}"
-    asked = experiment(f"policy={CHOICES[recipe]}", picture, *_ALL, *RECIPES[recipe])
+    configured = experiment(f"policy={CHOICES[recipe]}", picture, *_ALL, *RECIPES[recipe])
     store = Store.open(write_store(folder / "reach.zarr", AGENTS, EPISODES))
     view = views(ARCHS[-1], AGENTS)[0]
-    made = train(store, view, asked.policy, replace(asked.training, log_every=1), folder / recipe)
+    made = train(store, view, configured.policy, replace(configured.training, log_every=1), folder / recipe)
     tensors, _ = read_tensors(made / MODEL)
     policy, view, spec = load_policy(made, "cpu")
     learned = {name for name, _ in policy.named_parameters()}
@@ -95,8 +96,8 @@ def _sha(values: np.ndarray) -> str:
     return hashlib.sha256(f"{values.dtype} {values.shape}".encode() + values.tobytes()).hexdigest()[:16]
 
 
-def found() -> Digests:
-    """All of them as the code gives them now, computed in a process of its own with the kernels of all."""
+def current_digests() -> Digests:
+    """The digests of the present code, computed in a process of its own with `KERNELS`."""
     command = [sys.executable, "-m", "tests.policy.golden", "--show"]
     root = Path(__file__).parents[2]
     done = subprocess.run(
@@ -109,7 +110,7 @@ def _show() -> None:
     from rf_exp.policy import LEARNER
 
     with tempfile.TemporaryDirectory() as folder:
-        recipes = {recipe: of(recipe, Path(folder) / recipe) for recipe in RECIPES}
+        recipes = {recipe: digests_of(recipe, Path(folder) / recipe) for recipe in RECIPES}
     print(json.dumps({"processor": processor(), "learner": LEARNER, "recipes": recipes}))
 
 
@@ -119,7 +120,7 @@ def main() -> int:
     if parser.parse_args().show:
         _show()
         return 0
-    write_json(FILE, found())
+    write_json(FILE, current_digests())
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Factories of policies that behave in every way that matters, and servers that do not."""
+"""Stub policies with their factories, and stub policy servers, for tests of foreign policies."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,23 +16,23 @@ Answer = Callable[[dict[str, Any]], Any]
 
 
 class Policy:
-    """Answers as a function says, and keeps what it was told."""
+    """Policy that acts by a function and records its seeds and observations."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
         self.seeds: list[int] = []
-        self.told: list[dict[str, Any]] = []
+        self.observations: list[dict[str, Any]] = []
 
     def reset(self, seed: int) -> None:
         self.seeds.append(seed)
 
     def act(self, observation: dict[str, Any]) -> Any:
-        self.told.append(observation)
+        self.observations.append(observation)
         return self._answer(observation)
 
 
 def stay(observation: dict[str, Any], steps: int = 5) -> NDArray[np.float32]:
-    """(T, N, 8): where the arms are, grippers open."""
+    """Chunk (T, N, 8) that holds the measured joints, grippers open."""
     joints = observation["qpos"][:, :7]
     return np.tile(np.column_stack([joints, np.ones(len(joints), np.float32)]), (steps, 1, 1))
 
@@ -50,14 +50,14 @@ def make_number() -> int:
 
 
 class Brittle(Policy):
-    """Stays, and breaks in the scene of a seed while a file is not there."""
+    """Policy that holds still, but raises in the scene of `seed` until the file `mended` exists."""
 
     def __init__(self, seed: int, mended: str) -> None:
         super().__init__(stay)
-        self._breaks, self._mended = seed, mended
+        self._failing_seed, self._mended = seed, mended
 
     def act(self, observation: dict[str, Any]) -> Any:
-        if self.seeds[-1] == self._breaks and not Path(self._mended).exists():
+        if self.seeds[-1] == self._failing_seed and not Path(self._mended).exists():
             raise ZeroDivisionError("broken")
         return super().act(observation)
 
@@ -67,7 +67,7 @@ make_brittle = Brittle
 
 @contextmanager
 def server(converse: Callable[[ServerConnection], None], **options: Any) -> Iterator[str]:
-    """The address of a server on loopback that treats each connection so."""
+    """The address of a loopback server that handles each connection with `converse`."""
     with serve(converse, "127.0.0.1", 0, **options) as running:
         Thread(target=running.serve_forever, daemon=True).start()
         yield f"ws://127.0.0.1:{running.socket.getsockname()[1]}"
@@ -75,7 +75,7 @@ def server(converse: Callable[[ServerConnection], None], **options: Any) -> Iter
 
 
 def says(*messages: bytes | str) -> Callable[[ServerConnection], None]:
-    """Greets with the first message, answers with each of the next, and is gone."""
+    """Handler: greets with the first message, answers with each of the next, and closes the connection."""
 
     def converse(socket: ServerConnection) -> None:
         socket.send(messages[0])
@@ -87,7 +87,7 @@ def says(*messages: bytes | str) -> Callable[[ServerConnection], None]:
 
 
 def silent(greets: bool) -> Callable[[ServerConnection], None]:
-    """Accepts everything and answers nothing."""
+    """Handler that answers no request; with `greets`, it sends metadata first."""
 
     def converse(socket: ServerConnection) -> None:
         if greets:

@@ -1,6 +1,6 @@
-"""Checkpoints of the authors' release, written by their layout, and what their network computes.
+"""Checkpoints in the layout of the authors' release, and a reference implementation of their network.
 
-The network is written out here tensor by tensor, so that the suite's is held to another one than itself.
+The reference is written out tensor by tensor, independently of the suite's network.
 """
 
 from collections import OrderedDict
@@ -17,15 +17,15 @@ from omegaconf import OmegaConf
 from torch import Tensor
 from torch.nn.functional import conv1d, conv2d, conv_transpose1d, group_norm, linear, max_pool2d, mish, relu
 
-SIZE = 32, 48  # of its pictures
+SIZE = 32, 48  # height and width of the pictures
 HORIZON, OBSERVATION_STEPS, STEPS, TIMESTEPS = 8, 3, 6, 4
 CHANNELS = 8, 16
-STEP = 128  # numbers of a diffusion step
-SCALE, OFFSET = 2.0, -1.0  # of pictures
+STEP_FEATURES = 128  # size of the embedding of a diffusion step
+SCALE, OFFSET = 2.0, -1.0  # normalisation of pictures
 
 
 def encoder_shapes() -> dict[str, tuple[int, ...]]:
-    """Of a ResNet-18 with GroupNorm and without its classifier."""
+    """Tensor -> shape of a ResNet-18 with GroupNorm and without its classifier."""
     found: dict[str, tuple[int, ...]] = {
         "conv1.weight": (64, 3, 7, 7),
         "bn1.weight": (64,),
@@ -48,7 +48,7 @@ def encoder_shapes() -> dict[str, tuple[int, ...]]:
 
 
 def unet_shapes(actions: int, condition: int) -> dict[str, tuple[int, ...]]:
-    """Of the conditional U-Net."""
+    """Tensor -> shape of the conditional U-Net."""
 
     def conv(name: str, inputs: int, outputs: int, kernel: int) -> dict[str, tuple[int, ...]]:
         return {f"{name}.weight": (outputs, inputs, kernel), f"{name}.bias": (outputs,)}
@@ -57,7 +57,7 @@ def unet_shapes(actions: int, condition: int) -> dict[str, tuple[int, ...]]:
         return {f"{name}.weight": (width,), f"{name}.bias": (width,)}
 
     def block(name: str, inputs: int, outputs: int) -> dict[str, tuple[int, ...]]:
-        made = {f"{name}.cond_encoder.1.weight": (2 * outputs, STEP + condition)}
+        made = {f"{name}.cond_encoder.1.weight": (2 * outputs, STEP_FEATURES + condition)}
         made |= {f"{name}.cond_encoder.1.bias": (2 * outputs,)}
         for number, before in enumerate((inputs, outputs)):
             made |= conv(f"{name}.blocks.{number}.block.0", before, outputs, 5)
@@ -66,7 +66,10 @@ def unet_shapes(actions: int, condition: int) -> dict[str, tuple[int, ...]]:
 
     first, last = CHANNELS[0], CHANNELS[-1]
     found: dict[str, tuple[int, ...]] = {}
-    for number, (inputs, outputs) in ((1, (STEP, 4 * STEP)), (3, (4 * STEP, STEP))):
+    for number, (inputs, outputs) in (
+        (1, (STEP_FEATURES, 4 * STEP_FEATURES)),
+        (3, (4 * STEP_FEATURES, STEP_FEATURES)),
+    ):
         name = f"diffusion_step_encoder.{number}"
         found |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
     for level, (inputs, outputs) in enumerate(pairwise((actions, *CHANNELS))):
@@ -84,7 +87,7 @@ def unet_shapes(actions: int, condition: int) -> dict[str, tuple[int, ...]]:
 
 
 def network(cameras: tuple[str, ...], arms: int, brightest: float = 1.0) -> "OrderedDict[str, Tensor]":
-    """A state dict of random numbers, as the release has it."""
+    """State dict with the tensors of the release, with random values."""
     rng = torch.Generator().manual_seed(0)
     actions = 8 * arms
     condition = OBSERVATION_STEPS * (512 * len(cameras) + actions)
@@ -109,9 +112,9 @@ def network(cameras: tuple[str, ...], arms: int, brightest: float = 1.0) -> "Ord
 
 
 def configuration(cameras: tuple[str, ...], arms: int, **changes: Any) -> dict[str, Any]:
-    """What the release's checkpoints say of themselves, as far as it matters; `changes` by dotted keys."""
+    """The configuration in checkpoints of the release, as far as it is read; `changes` by dotted keys."""
     pictures = {name: {"shape": [3, *SIZE], "type": "rgb"} for name in cameras}
-    told = {"agent_pos": {"shape": [8 * arms], "type": "low_dim"}}
+    low_dim = {"agent_pos": {"shape": [8 * arms], "type": "low_dim"}}
     scheduler = {
         "_target_": "diffusers.schedulers.scheduling_ddpm.DDPMScheduler",
         "num_train_timesteps": TIMESTEPS,
@@ -131,7 +134,7 @@ def configuration(cameras: tuple[str, ...], arms: int, **changes: Any) -> dict[s
     }
     node = {
         "_target_": "diffusion_policy.workspace.robotworkspace.RobotWorkspace",
-        "shape_meta": {"obs": {**pictures, **told}, "action": {"shape": [8 * arms]}},
+        "shape_meta": {"obs": {**pictures, **low_dim}, "action": {"shape": [8 * arms]}},
         "horizon": HORIZON,
         "n_obs_steps": OBSERVATION_STEPS,
         "n_action_steps": STEPS,
@@ -144,7 +147,7 @@ def configuration(cameras: tuple[str, ...], arms: int, **changes: Any) -> dict[s
 
 
 def write(path: Path, cameras: tuple[str, ...] = ("head_cam",), arms: int = 1, **changes: Any) -> Path:
-    """A checkpoint by its layout; `state` is its network in place of the usual one."""
+    """Writes a checkpoint in the layout of the release; `state` in `changes` replaces its state dict."""
     state = changes.pop("state", None)
     tensors = network(cameras, arms) if state is None else state
     step = {"step": torch.tensor(3.0), "exp_avg": torch.zeros(2)}
@@ -156,11 +159,11 @@ def write(path: Path, cameras: tuple[str, ...] = ("head_cam",), arms: int = 1, *
     return path
 
 
-# -- what such a network computes ----------------------------------------------------------------------
+# -- reference implementation of the network -----------------------------------------------------------
 
 
 def features(tensors: Mapping[str, Tensor], camera: str, pictures: Tensor, imagenet: bool) -> Tensor:
-    """(O, 512) of pictures (O, 3, H, W) as its normaliser takes them."""
+    """Features (O, 512) of pictures (O, 3, H, W), which the normaliser scales first."""
     own = f"obs_encoder.key_model_map.{camera}."
     t = {name.removeprefix(own): each for name, each in tensors.items() if name.startswith(own)}
     normaliser = f"normalizer.params_dict.{camera}."
@@ -187,9 +190,9 @@ def features(tensors: Mapping[str, Tensor], camera: str, pictures: Tensor, image
 
 
 def predicted(tensors: Mapping[str, Tensor], sample: Tensor, step: int, observation: Tensor) -> Tensor:
-    """Noise in a chunk (1, T, A) at a diffusion step, for an observation (1, C)."""
+    """Noise predicted in a chunk (1, T, A) at a diffusion step, conditioned on an observation (1, C)."""
     t = {name.removeprefix("model."): each for name, each in tensors.items() if name.startswith("model.")}
-    half = STEP // 2
+    half = STEP_FEATURES // 2
     angles = step * torch.exp(torch.arange(half) * -np.log(10000) / (half - 1))
     embedded = torch.cat([angles.sin(), angles.cos()])[None]
     for number in (1, 3):
@@ -230,11 +233,11 @@ def actions(
     tensors: Mapping[str, Tensor],
     scheduler: DDPMScheduler | DDIMScheduler,
     pictures: Mapping[str, Tensor],
-    told: Tensor,
+    agent_pos: Tensor,
     generator: torch.Generator,
     imagenet: bool = True,
 ) -> Tensor:
-    """(STEPS, A) from pictures (O, 3, H, W) of each camera, in their order, and what was told (O, A)."""
+    """Actions (STEPS, A) from pictures (O, 3, H, W) per camera, in their order, and `agent_pos` (O, A)."""
 
     def normaliser(name: str) -> tuple[Tensor, Tensor]:
         own = f"normalizer.params_dict.{name}"
@@ -242,8 +245,8 @@ def actions(
 
     seen = [features(tensors, name, each, imagenet) for name, each in pictures.items()]
     scale, offset = normaliser("agent_pos")
-    observation = torch.cat([*seen, told * scale + offset], dim=1).reshape(1, -1)
-    sample = torch.randn((1, HORIZON, told.shape[1]), generator=generator)
+    observation = torch.cat([*seen, agent_pos * scale + offset], dim=1).reshape(1, -1)
+    sample = torch.randn((1, HORIZON, agent_pos.shape[1]), generator=generator)
     for step in scheduler.timesteps:
         noise = predicted(tensors, sample, int(step), observation)
         sample = scheduler.step(noise, step, sample, generator=generator).prev_sample  # pyright: ignore

@@ -1,4 +1,4 @@
-"""Policies that are told what to do, and arms that follow their commands as the real ones do."""
+"""Scripted policies, and a world of arms that follow commands with a realistic lag."""
 
 from collections.abc import Callable, Iterable
 
@@ -11,17 +11,17 @@ from rf_exp.tasks import Task
 from rf_exp.types import Scene
 from tests.scenes import start_scene
 
-FASTEST_RAD = 0.045  # a control step
-FOLLOWS = 1 - np.exp(-0.5)  # part of the way to its command that an arm goes in a control step
+FASTEST_RAD = 0.045  # per control step
+TRACKING = 1 - np.exp(-0.5)  # part of the way to its command that an arm covers in a control step
 
-Predict = Callable[[int, Observation], NDArray[np.float64]]  # number of the prediction -> (T, 8) targets
+Predict = Callable[[int, Observation], NDArray[np.float64]]  # number, observation -> targets (T, 8)
 
 
 class Scripted(PolicyRunner):
-    """One agent that predicts what a function says."""
+    """Runner of one agent whose predictions a function gives."""
 
     def __init__(self, agent: int, predict: Predict) -> None:
-        self._says, self.predictions = predict, 0
+        self._targets, self.predictions = predict, 0
         super().__init__(View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),)), np.array([FASTEST_RAD]))
 
     def reset(self, seed: int) -> None:
@@ -30,11 +30,11 @@ class Scripted(PolicyRunner):
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
         self.predictions += 1
-        return self._says(self.predictions - 1, observation)[:, None]
+        return self._targets(self.predictions - 1, observation)[:, None]
 
 
 class Puppets:
-    """A World of arms alone: they follow their commands with the lag of the real ones, through anything."""
+    """World of arms alone, which follow their commands with the lag of the real ones, without collisions."""
 
     cameras = ()
 
@@ -49,7 +49,7 @@ class Puppets:
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         self.commands.append(action)
-        self._qpos[:, :7] += FOLLOWS * (action[:, :7] - self._qpos[:, :7])
+        self._qpos[:, :7] += TRACKING * (action[:, :7] - self._qpos[:, :7])
         return self._scene()
 
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:

@@ -1,4 +1,4 @@
-"""The paper's defaults, errors that name the field, and parts that are added from outside."""
+"""Configurations of policies: the paper's defaults, errors that name the field, parts from outside."""
 
 from typing import Any
 
@@ -79,14 +79,14 @@ def test_training_errors_name_the_field(changes: dict[str, Any], message: str) -
     assert str(error.value) == message
 
 
-def test_sections_of_parts_that_are_not_chosen_are_not_of_the_policy() -> None:
+def test_sections_of_parts_that_are_not_chosen_are_left_out() -> None:
     small = varied(paper_policy(), {"encoder.name": "compact"})
     other = varied(paper_policy(), {"encoder.name": "compact", "encoder.keypoints.downsample": 4})
     assert small == other and "keypoints" not in small.identity["encoder"]
     assert small.training_values["encoder"] == {"name": "compact"}
 
 
-def test_what_decides_acting_alone_and_what_the_weights_are_all() -> None:
+def test_acting_values_and_training_values_together_are_all() -> None:
     policy = paper_policy()
     assert policy.acting_values["head"] == {"diffusion": {"sampler": "ddpm", "inference_steps": 100}}
     assert (
@@ -94,13 +94,13 @@ def test_what_decides_acting_alone_and_what_the_weights_are_all() -> None:
         & policy.acting_values["head"]["diffusion"].keys()
     )
     assert PolicyConfig.read(policy.training_values, policy.acting_values) == policy
-    acts = varied(policy, {"acting.action_steps": 2, "horizon": 16})
-    assert policy.acting_as(acts) == varied(policy, {"acting.action_steps": 2})
+    other = varied(policy, {"acting.action_steps": 2, "horizon": 16})
+    assert policy.acting_as(other) == varied(policy, {"acting.action_steps": 2})
 
 
 @pytest.mark.parametrize(
     ("name", "why"), [("compact", "is registered already"), ("a b", "is not a valid key")]
 )
-def test_a_part_of_a_known_name_is_refused(name: str, why: str) -> None:
+def test_an_encoder_of_a_taken_or_invalid_name_is_refused(name: str, why: str) -> None:
     with pytest.raises(ArgumentError, match=f"encoder '{name}' {why}"):
         add_encoder(name, EncoderConfig, Compact)

@@ -1,4 +1,4 @@
-"""Crop refinement: finer than the first look at a picture, wherever that has come near."""
+"""Crop refinement: more precise than the first pass, if that is near enough."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,14 +19,16 @@ from tests.policy.test_rollout import Table, judge
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SIDE = 16
-SEES = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
-SEEING = KeypointsConfig(2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4))
-TWICE = {side: replace(SEEING, crop_refinement=side) for side in (0, SIDE)}
+ENCODER = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
+KEYPOINTS = KeypointsConfig(
+    2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4)
+)
+CONFIGS = {side: replace(KEYPOINTS, crop_refinement=side) for side in (0, SIDE)}
 SIZE = torch.tensor([64, 48])
 
 
 def dots(count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pictures of two points, each in its colour, and where in them they are."""
+    """Pictures of two blobs, each in its own colour channel, and the places of the blobs in [0, 1]."""
     true = rng.uniform(0.02, 0.98, (count, 2, 2))
     rows, columns = np.mgrid[:48, :64] + 0.5
     pictures = np.full((count, 3, 48, 64), -0.2, np.float32)
@@ -37,52 +39,52 @@ def dots(count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tens
 
 
 @pytest.mark.slow
-def test_it_finds_to_half_a_pixel_what_was_seen_to_four() -> None:
-    """In corners too, where a square is pushed back into the picture."""
+def test_places_off_by_four_pixels_are_refined_to_half_a_pixel() -> None:
+    """Also in corners, where the crop is moved back into the picture."""
     torch.manual_seed(0)
-    again, rng = CropRefinement(2, SIDE), np.random.default_rng(0)
-    optimiser = torch.optim.AdamW(again.parameters(), 4e-3)
+    refinement, rng = CropRefinement(2, SIDE), np.random.default_rng(0)
+    optimiser = torch.optim.AdamW(refinement.parameters(), 4e-3)
 
-    def seen(true: torch.Tensor) -> torch.Tensor:
-        off = rng.uniform(-LARGEST_CROP_OFFSET * SIDE, LARGEST_CROP_OFFSET * SIDE, true.shape).astype(
+    def first_pass(true: torch.Tensor) -> torch.Tensor:
+        error = rng.uniform(-LARGEST_CROP_OFFSET * SIDE, LARGEST_CROP_OFFSET * SIDE, true.shape).astype(
             np.float32
         )
-        return true + torch.from_numpy(off) / SIZE
+        return true + torch.from_numpy(error) / SIZE
 
     for _ in range(300):
         pictures, true = dots(16, rng)
         true[0, 0] = torch.nan
-        loss, _ = again.loss(pictures, seen(true.nan_to_num(0.5)), true)
+        loss, _ = refinement.loss(pictures, first_pass(true.nan_to_num(0.5)), true)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
     pictures, true = dots(200, rng)
     with torch.no_grad():
-        off = ((again(pictures, seen(true))[0] - true) * SIZE).norm(dim=2)
-    assert off.median() < 0.5
-    assert off.quantile(0.9) < 1.5
+        error = ((refinement(pictures, first_pass(true))[0] - true) * SIZE).norm(dim=2)
+    assert error.median() < 0.5
+    assert error.quantile(0.9) < 1.5
 
 
-def test_it_learns_nothing_of_what_is_not_in_the_picture() -> None:
-    again, nowhere = CropRefinement(2, SIDE), torch.full((3, 2, 2), torch.nan)
-    loss, _ = again.loss(torch.zeros(3, 3, 48, 64), torch.rand(3, 2, 2, requires_grad=True), nowhere)
+def test_points_outside_the_picture_have_no_loss() -> None:
+    refinement, nowhere = CropRefinement(2, SIDE), torch.full((3, 2, 2), torch.nan)
+    loss, _ = refinement.loss(torch.zeros(3, 3, 48, 64), torch.rand(3, 2, 2, requires_grad=True), nowhere)
     loss.backward()
     assert loss.item() == 0.0
 
 
-def test_heat_maps_learn_nothing_from_the_second_look() -> None:
-    """What it needs of theirs is where to look, which has no gradient."""
+def test_heat_maps_get_no_gradient_from_the_refinement() -> None:
+    """The refinement uses only the place of the crop from them, without a gradient."""
     torch.manual_seed(0)
     spec = ObservationSpec(bases=((0.0, 0.0, 0.0),))
-    one, other = (KeypointEncoder(TWICE[side], LOCAL, spec) for side in (SIDE, 0))
-    own = {n: v for n, v in one.state_dict().items() if not n.startswith("crop_refinement.")}
-    other.load_state_dict(own)
+    one, other = (KeypointEncoder(CONFIGS[side], LOCAL, spec) for side in (SIDE, 0))
+    shared = {n: v for n, v in one.state_dict().items() if not n.startswith("crop_refinement.")}
+    other.load_state_dict(shared)
     rays = torch.rand(2, 1, 3, 4)
     places, points = torch.rand(2, 2 * len(GRIPPER_POINTS), 2), torch.zeros(2, 2 * len(GRIPPER_POINTS), 3)
     labels = Labels(places, points, torch.zeros(2, 2, 6), torch.zeros(2, 0))
-    what = torch.rand(2, 3, 48, 64), rays, labels
+    batch = torch.rand(2, 3, 48, 64), rays, labels
     for encoder in (one, other):
-        encoder.loss(*what).backward()
+        encoder.loss(*batch).backward()
     gradients = {name: weight.grad for name, weight in one.named_parameters()}
     assert all(
         torch.equal(g, w.grad)
@@ -94,11 +96,13 @@ def test_heat_maps_learn_nothing_from_the_second_look() -> None:
 
 
 @pytest.mark.slow
-def test_a_policy_learns_with_it_and_acts(
+def test_a_policy_with_crop_refinement_learns_and_acts(
     make_store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
-    twice = {"downsample": 2, "crop_refinement": 12, "steps": 3}
-    config = varied(policy_config, SEES | {f"encoder.keypoints.{key}": each for key, each in twice.items()})
+    changes = {"downsample": 2, "crop_refinement": 12, "steps": 3}
+    config = varied(
+        policy_config, ENCODER | {f"encoder.keypoints.{key}": each for key, each in changes.items()}
+    )
     train(make_store(1, 3), LOCAL, config, train_config, tmp_path / "agent1")
     policy, *_ = load_policy(tmp_path / "agent1", "cpu")
     features, places = policy.encode_centre_crops(torch.zeros(1, HEIGHT, WIDTH, 3, dtype=torch.uint8))
@@ -116,6 +120,6 @@ def test_a_policy_learns_with_it_and_acts(
         ({"encoder.keypoints.crop_refinement": 33}, "crop_refinement is 33; expected 0, or 8 to 32 pixels"),
     ],
 )
-def test_what_does_not_fit_is_told(policy_config: PolicyConfig, change: dict, message: str) -> None:
+def test_sizes_that_do_not_fit_are_refused(policy_config: PolicyConfig, change: dict, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
-        varied(policy_config, SEES | change)
+        varied(policy_config, ENCODER | change)

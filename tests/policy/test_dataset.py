@@ -1,4 +1,4 @@
-"""Windows: padding at the ends, every window once, every frame once, honest errors."""
+"""Windows: padding at the ends, every window once, every frame once, clear errors."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -55,27 +55,29 @@ def test_the_action_executed_first_is_the_one_of_the_newest_frame(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
-def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, tmp_path: Path) -> None:
-    """Agent 2 pauses for 4 steps at its 9th: what it learns then is what comes after, as if it did not."""
+def test_steps_of_an_agent_that_is_held_up_have_the_targets_after_the_pause(
+    arch: Arch, policy_config: PolicyConfig, tmp_path: Path
+) -> None:
+    """Agent 2 is held up for 4 steps at its 9th: its targets there are those after the pause."""
     made = make_episode(0, 2)
     assert STILL < 8
-    pauses = np.r_[np.arange(9), np.full(4, 8), np.arange(9, STEPS)]  # the step of the plan it is at
-    extra = np.r_[np.arange(STEPS), np.full(4, STEPS - 1)]  # of agent 1, which is done sooner
+    pauses = np.r_[np.arange(9), np.full(4, 8), np.arange(9, STEPS)]  # its step of the plan
+    padded = np.r_[np.arange(STEPS), np.full(4, STEPS - 1)]  # of agent 1, which finishes earlier
 
     def delayed(values: NDArray) -> NDArray:
-        return np.stack([values[extra, 0], values[pauses, 1]], axis=1)
+        return np.stack([values[padded, 0], values[pauses, 1]], axis=1)
 
     assert made.subgoal is not None
-    meant, executed = delayed(made.action), delayed(made.action)
-    meant[9:12, 1] = made.action[9, 1]  # and in the last step it stands
+    intended, executed = delayed(made.action), delayed(made.action)
+    intended[9:12, 1] = made.action[9, 1]  # in the last step of the pause, the present position
     episode = replace(
         made,
         qpos=delayed(made.qpos),
         qvel=delayed(made.qvel),
-        action=meant,
+        action=intended,
         executed=executed,
-        images={name: frames[extra] for name, frames in made.images.items()},
-        poses={name: values[extra] for name, values in made.poses.items()},
+        images={name: frames[padded] for name, frames in made.images.items()},
+        poses={name: values[padded] for name, values in made.poses.items()},
         subgoal=delayed(made.subgoal[..., None])[..., 0],
     )
     identity = {"task": "reach", "scene": scene_of(2)}
@@ -96,8 +98,8 @@ def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, 
                 assert np.array_equal(joints, executed[np.minimum(plan, STEPS + 3), agent - 1])
 
 
-def test_what_somebody_else_has_done_is_not_learned(policy_config: PolicyConfig, tmp_path: Path) -> None:
-    """Where others led to where the expert began: no window, no keypoint; its memory counts all the same."""
+def test_steps_of_others_are_not_learned(policy_config: PolicyConfig, tmp_path: Path) -> None:
+    """Steps before the expert took over give no window and no keypoint; the gripper history counts them."""
     lead, made = 8, make_episode(0, 1)
     assert made.subgoal is not None
     led = replace(made, seed=1, subgoal=np.where(np.arange(STEPS)[:, None] < lead, -1, made.subgoal))
@@ -110,11 +112,13 @@ def test_what_somebody_else_has_done_is_not_learned(policy_config: PolicyConfig,
     windows = Windows(Store.open(path), LOCAL, varied(policy_config, {"context": True}), CPU)
     assert len(windows) == 2 * STEPS - lead
     assert np.array_equal(windows.action[STEPS:, :8], led.action[lead:, 0])
-    counted = windows.context[:, POSE_SIZE : POSE_SIZE + MOST_CHANGES + 1].argmax(dim=1)
-    assert counted[0] == 0 and counted[STEPS] == 2
+    changes = windows.context[:, POSE_SIZE : POSE_SIZE + MOST_CHANGES + 1].argmax(dim=1)
+    assert changes[0] == 0 and changes[STEPS] == 2
 
 
-def test_pictures_of_a_batch_are_unique_and_the_right_ones(store: Store, policy_config: PolicyConfig) -> None:
+def test_pictures_of_a_batch_are_correct_and_without_duplicates(
+    store: Store, policy_config: PolicyConfig
+) -> None:
     windows = Windows(store, LOCAL, policy_config, CPU)
     chosen = np.array([5, 6, 7, 8, STEPS, STEPS + 1])
     batch = windows.batch(chosen, None)
@@ -157,7 +161,7 @@ def test_frames_of_a_run_share_a_crop_and_runs_differ(store: Store, policy_confi
     runs = np.concatenate([np.arange(start, start + 4) for start in range(0, 2 * STEPS, 6)])
     batch = windows.batch(runs, np.random.default_rng(0))
     of_run = batch.pictures[batch.frames].reshape(len(runs) // 4, 12, -1)
-    assert all((run == run[0]).all() for run in of_run)  # these pictures stand still in an episode
+    assert all((run == run[0]).all() for run in of_run)  # pictures do not change within an episode
     assert len({run[0].numpy().tobytes() for run in of_run[:4]}) > 1
 
 
@@ -174,7 +178,9 @@ def test_proprioception_is_seven_joints_and_the_opening() -> None:
     assert proprioception(qpos).tolist() == [[*range(7), 15.0, *range(9, 16), 33.0]]
 
 
-def test_a_missing_camera_names_what_there_is(store: Store, policy_config: PolicyConfig) -> None:
+def test_a_missing_camera_is_reported_with_the_available_ones(
+    store: Store, policy_config: PolicyConfig
+) -> None:
     view = View("agent7", (Stream("agent7", (1,)),))
     with pytest.raises(
         ArgumentError, match="needs camera 'agent7', but the store has global, agent1, agent2"
@@ -193,13 +199,13 @@ def test_a_store_without_episodes(tmp_path, policy_config: PolicyConfig) -> None
         Windows(store, LOCAL, policy_config, CPU)
 
 
-def test_relative_actions_count_from_the_newest_joints_but_not_for_the_gripper() -> None:
+def test_relative_actions_start_at_the_newest_joints_except_for_grippers() -> None:
     proprio = torch.arange(32, dtype=torch.float32).reshape(1, 2, 16)  # (B, O, 8N)
     assert action_origin(proprio).tolist() == [[[*range(16, 23), 0, *range(24, 31), 0]]]
 
 
 def range_of(windows: Windows) -> Range:
-    """Of actions, as a policy scales them."""
+    """Range of the actions, as a policy normalises them."""
     found = Range(windows.action.shape[1])
     found.fit(windows.learned_actions())
     return found

@@ -1,4 +1,4 @@
-"""Policies of others: what they are told and give; whatever they do wrong is said, and loses nothing."""
+"""Foreign policies: observations, chunks, factories, servers; every fault is reported and loses no row."""
 
 import os
 import re
@@ -54,24 +54,24 @@ def judge(scene: Scene) -> Verdict:
     return Verdict(False, False, {})
 
 
-def commands(answer: Answer, steps: int = 6, **kind: Any) -> NDArray[np.float64]:
-    """(T, N, 8) what the arms were told in a rollout."""
-    runner, _ = make_runner(answer, **kind)
-    world = Puppets(kind.get("task", TWO))
+def commands(answer: Answer, steps: int = 6, **options: Any) -> NDArray[np.float64]:
+    """Commands (T, N, 8) of a rollout."""
+    runner, _ = make_runner(answer, **options)
+    world = Puppets(options.get("task", TWO))
     rollout(world, judge, [runner], 7, steps)
     return np.stack(world.commands)
 
 
-# -- what a policy is told, and what it gives --------------------------------------------------------
+# -- observations and chunks --------------------------------------------------------------------------
 
 
-def test_a_policy_is_told_what_environments_show_and_when_an_episode_begins(task: Task) -> None:
+def test_a_policy_receives_observations_and_the_start_of_episodes(task: Task) -> None:
     spec = replace(SPEC, observations=Observations(state="full", language=True))
     runner, policy = make_runner(stay, task, spec)
     for seed in (3, 4):
         rollout(Puppets(task), judge, [runner], seed, 7)
-    assert policy.seeds == [3, 4] and len(policy.told) == 4  # chunks of 5 for 7 steps
-    agents, first = len(task.agents), policy.told[0]
+    assert policy.seeds == [3, 4] and len(policy.observations) == 4  # chunks of 5 for 7 steps
+    agents, first = len(task.agents), policy.observations[0]
     assert {key: value.shape for key, value in first.items() if key != "language"} == {
         "qpos": (agents, 9),
         "qvel": (agents, 9),
@@ -81,7 +81,7 @@ def test_a_policy_is_told_what_environments_show_and_when_an_episode_begins(task
     assert np.array_equal(first["qpos"], start_scene(task, 3).qpos.astype(np.float32))
 
 
-def test_chunks_of_both_shapes_are_the_same_commands(task: Task) -> None:
+def test_chunks_of_both_shapes_give_the_same_commands(task: Task) -> None:
     def flat(observation: dict[str, Any]) -> NDArray[np.float32]:
         return stay(observation).reshape(5, -1)
 
@@ -89,17 +89,17 @@ def test_chunks_of_both_shapes_are_the_same_commands(task: Task) -> None:
     assert np.array_equal(commands(stay, task=task), commands(lambda seen: stay(seen).tolist(), task=task))
 
 
-def test_as_many_steps_of_a_chunk_are_executed_as_is_asked() -> None:
+def test_the_configured_number_of_steps_of_a_chunk_is_executed() -> None:
     runner, policy = make_runner(stay, spec=replace(SPEC, action_steps=2))
     rollout(Puppets(TWO), judge, [runner], 0, 6)
-    assert len(policy.told) == 3
+    assert len(policy.observations) == 3
 
 
 def test_targets_are_clipped_and_approached_at_the_speed_of_the_expert() -> None:
     _, high = DEFAULT.limits_rad
-    told = commands(lambda seen: np.full((200, 2, 8), 99), steps=200)
-    assert np.allclose(told[-1, :, :7], high) and (told[..., 7] == 1).all()
-    assert np.abs(np.diff(told[..., :7], axis=0)).max() <= FASTEST_RAD + 1e-9
+    executed = commands(lambda seen: np.full((200, 2, 8), 99), steps=200)
+    assert np.allclose(executed[-1, :, :7], high) and (executed[..., 7] == 1).all()
+    assert np.abs(np.diff(executed[..., :7], axis=0)).max() <= FASTEST_RAD + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_targets_are_clipped_and_approached_at_the_speed_of_the_expert() -> None
         (lambda seen: 1 / 0, "it raised ZeroDivisionError: division by zero"),
     ],
 )  # fmt: skip
-def test_what_is_no_chunk_is_refused(answer: Answer, message: str) -> None:
+def test_invalid_chunks_are_refused(answer: Answer, message: str) -> None:
     with pytest.raises(StageError, match=re.escape(message)) as refused:
         commands(answer)
     assert str(refused.value).startswith("policy 'theirs', scene 7, control step 0: ")
@@ -125,7 +125,7 @@ def test_what_is_no_chunk_is_refused(answer: Answer, message: str) -> None:
 
 @pytest.mark.parametrize(("joint", "name"), [(4, "joint 5"), (7, "gripper")])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_not_finite_is_found(joint: int, name: str, value: float) -> None:
+def test_values_that_are_not_finite_are_named(joint: int, name: str, value: float) -> None:
     def broken(observation: dict[str, Any]) -> NDArray[np.float32]:
         chunk = stay(observation)
         chunk[3, 1, joint] = value
@@ -148,7 +148,9 @@ def test_what_is_not_finite_is_found(joint: int, name: str, value: float) -> Non
         ("tests.policy.others:make_number", {}, StageError, r"returned a int without act\(observation\)"),
     ],
 )
-def test_a_factory_that_gives_no_policy(name: str, options: dict, error: type, message: str) -> None:
+def test_a_factory_that_gives_no_policy_is_an_error(
+    name: str, options: dict, error: type, message: str
+) -> None:
     with pytest.raises(error, match=message):
         make_policy(name, options)
 
@@ -172,13 +174,13 @@ def test_a_factory_that_gives_no_policy(name: str, options: dict, error: type, m
         (["foreign.name=x", "foreign.server=ws://c", "render=false"], "foreign.observations.pictures=false"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_evaluated_is_refused(overrides: list[str], message: str) -> None:
+def test_experiments_that_cannot_be_evaluated_are_refused(overrides: list[str], message: str) -> None:
     with pytest.raises(ArgumentError, match=re.escape(message)):
         experiment("stages=[evaluate]", *overrides)
 
 
 @pytest.mark.slow
-def test_rows_say_whose_policy_it_is_and_what_it_was_told() -> None:
+def test_experiments_name_the_policy_and_its_kind_of_observations() -> None:
     made = experiment("stages=[evaluate]", "arch=all", "foreign.name=x", "foreign.factory=a:b", *BLIND)
     assert [arch.name for arch in made.archs] == ["foreign"] and made.method == "x"
     assert made.foreign is not None and made.foreign.observation == "pictures"
@@ -189,13 +191,13 @@ def test_rows_say_whose_policy_it_is_and_what_it_was_told() -> None:
 # -- servers -----------------------------------------------------------------------------------------
 
 
-def asked(server: str, spec: Foreign = SPEC) -> Remote:
+def connect(server: str, spec: Foreign = SPEC) -> Remote:
     return Remote(server, spec.connect_s, spec.answer_s)
 
 
 @pytest.fixture(scope="module")
 def example() -> Iterator[str]:
-    """The address of the server in examples/, which serves a policy that stays."""
+    """The address of the server in examples/, which serves a policy that holds still."""
     command = [sys.executable, "examples/foreign/serve.py", "tests.policy.others:make_stays", "--port=0"]
     command += ["--options", '{"steps": 4}']
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -205,32 +207,32 @@ def example() -> Iterator[str]:
         running.terminate()
 
 
-def test_what_a_server_gives_is_what_the_policy_gives(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    world, near = Puppets(TWO), Puppets(TWO)
+def test_a_served_policy_acts_as_a_local_one(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    remote_world, local_world = Puppets(TWO), Puppets(TWO)
     spec = replace(SPEC, factory=None, server=example)
-    rollout(world, judge, foreign_runners(spec, FASTEST_RAD, TWO), 7, 9)
+    rollout(remote_world, judge, foreign_runners(spec, FASTEST_RAD, TWO), 7, 9)
     local, _ = make_runner(lambda seen: stay(seen, 4))
-    rollout(near, judge, [local], 7, 9)
-    assert np.array_equal(world.commands, near.commands)
+    rollout(local_world, judge, [local], 7, 9)
+    assert np.array_equal(remote_world.commands, local_world.commands)
 
 
-def test_an_error_of_the_policy_comes_back_as_a_line(example: str) -> None:
-    remote = asked(example)
+def test_an_error_of_a_served_policy_is_reported_in_one_line(example: str) -> None:
+    remote = connect(example)
     with pytest.raises(StageError, match=r"ws://127.0.0.1:\d+ reports an error: KeyError: 'qpos'"):
         remote.act({})
 
 
-def test_a_server_learns_with_the_first_observation_that_an_episode_begins() -> None:
-    heard: list[Any] = []
+def test_the_first_observation_of_an_episode_tells_a_server_its_seed() -> None:
+    received: list[Any] = []
 
     def converse(connection: Any) -> None:
         connection.send(pack({"checkpoint": "a"}))
         for message in connection:
-            heard.append(unpack(message))
+            received.append(unpack(message))
             connection.send(pack({"actions": np.zeros((1, 2, 8), np.float32), "server_timing": {}}))
 
     with server(converse) as address:
-        remote = asked(address)
+        remote = connect(address)
         assert remote.metadata == {"checkpoint": "a"}
         picture = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
         for _ in range(2):
@@ -238,9 +240,9 @@ def test_a_server_learns_with_the_first_observation_that_an_episode_begins() -> 
             for _ in range(2):
                 remote.act({"rgb_global": picture, "language": "lift"})
         remote.close()
-    assert [message.get("reset") for message in heard] == [1000003, None] * 2
-    assert np.array_equal(heard[0]["rgb_global"], picture) and heard[0]["rgb_global"].dtype == np.uint8
-    assert heard[0]["language"] == "lift"
+    assert [message.get("reset") for message in received] == [1000003, None] * 2
+    assert np.array_equal(received[0]["rgb_global"], picture) and received[0]["rgb_global"].dtype == np.uint8
+    assert received[0]["language"] == "lift"
 
 
 @pytest.mark.slow
@@ -257,16 +259,16 @@ def test_a_server_learns_with_the_first_observation_that_an_episode_begins() -> 
         (silent(greets=True), "gives no answer within 0.3 s (foreign.answer_s)"),
     ],
 )
-def test_a_server_that_does_not_answer_as_it_should(converse: Any, message: str) -> None:
+def test_invalid_or_missing_answers_of_a_server_are_errors(converse: Any, message: str) -> None:
     with server(converse) as address, pytest.raises(StageError, match=re.escape(message)):
         remote = Remote(address, 0.5, 0.3)
         remote.reset(0)
         remote.act({"qpos": np.zeros(3)})
 
 
-def test_a_server_that_is_absent_deaf_or_no_websocket() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as deaf:
-        address = f"ws://127.0.0.1:{deaf.getsockname()[1]}"
+def test_a_server_that_is_absent_silent_or_no_websocket() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = f"ws://127.0.0.1:{listener.getsockname()[1]}"
         with pytest.raises(StageError, match=r"does not answer within 0.2 s \(foreign.connect_s\)"):
             Remote(address, 0.2, 1.0)
     with pytest.raises(StageError, match=r"cannot be reached: .*; start it first"):
@@ -282,7 +284,7 @@ def test_a_server_that_is_absent_deaf_or_no_websocket() -> None:
         Remote(address, 1.0, 1.0)
 
 
-def test_arrays_travel_in_the_form_of_openpi() -> None:
+def test_arrays_are_sent_in_the_format_of_openpi() -> None:
     array = np.arange(6, dtype=np.float32).reshape(2, 3)
     form = {b"__ndarray__": True, b"data": array.tobytes(), b"dtype": "<f4", b"shape": [2, 3]}
     assert msgpack.unpackb(pack({"a": array})) == {"a": form}
@@ -299,7 +301,7 @@ def test_arrays_travel_in_the_form_of_openpi() -> None:
         *({b"shape": [2**40]}, {b"data": b"1"}, {b"data": 5}),
     ],
 )
-def test_arrays_that_are_none_are_refused(changed: dict) -> None:
+def test_invalid_arrays_are_refused(changed: dict) -> None:
     form = {b"__ndarray__": True, b"data": bytes(24), b"dtype": "<f4", b"shape": [2, 3], **changed}
     with pytest.raises(ValueError, match="bytes that are no message"):
         unpack(msgpack.packb({"actions": form}) or b"")
@@ -308,7 +310,7 @@ def test_arrays_that_are_none_are_refused(changed: dict) -> None:
 
 
 MANY, FEW = 8_000_000, 4000
-SMALL_THINGS = {
+SMALL_ITEMS = {
     "a list of lists": b"\xdd" + MANY.to_bytes(4, "big") + b"\x90" * MANY,
     "a map": b"\xdf" + MANY.to_bytes(4, "big") + b"\xa1a\xc0" * (MANY // 3),
     "lists of lists": b"\xdc\x07\xd0" + (b"\xdc\x0f\xa0" + b"\x90" * FEW) * (MANY // FEW),
@@ -318,9 +320,9 @@ SMALL_THINGS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", SMALL_THINGS)
-def test_millions_of_small_things_are_refused_before_they_cost_anything(what: str) -> None:
-    message = b"\x81\xa7actions" + SMALL_THINGS[what]
+@pytest.mark.parametrize("what", SMALL_ITEMS)
+def test_messages_of_millions_of_small_items_are_refused_at_little_cost(what: str) -> None:
+    message = b"\x81\xa7actions" + SMALL_ITEMS[what]
     tracemalloc.start()
     began_s = time.process_time()
     with pytest.raises(ValueError, match=r"bytes that are no message: ValueError: .*(items|exceeds max_)"):
@@ -330,7 +332,7 @@ def test_millions_of_small_things_are_refused_before_they_cost_anything(what: st
     assert cost_s < 1.0 and peak < 5e7, (cost_s, peak)
 
 
-def test_a_chunk_as_lists_is_understood() -> None:
+def test_a_chunk_of_lists_is_decoded() -> None:
     chunk = np.random.default_rng(0).normal(size=(1500, 32)).tolist()
     assert unpack(pack({"actions": chunk})) == {"actions": chunk}
 
@@ -339,7 +341,7 @@ def test_a_chunk_as_lists_is_understood() -> None:
 
 
 @pytest.mark.slow
-def test_a_policy_that_breaks_costs_no_row_and_the_command_goes_on(command: Any, tmp_path: Path) -> None:
+def test_a_failing_policy_loses_no_row_and_the_command_resumes(command: Any, tmp_path: Path) -> None:
     mended = tmp_path / "mended"
     arguments = (
         *("task=pick_meat", "stages=[evaluate]", "scenes=3", "recordings=0", "films=0", "wandb=disabled"),
@@ -364,7 +366,7 @@ def test_a_policy_that_breaks_costs_no_row_and_the_command_goes_on(command: Any,
 
 
 @pytest.mark.slow
-def test_a_scene_is_as_long_as_the_task_says_without_any_demonstration(command: Any, tmp_path: Path) -> None:
+def test_the_step_limit_of_the_task_applies_without_any_demonstration(command: Any, tmp_path: Path) -> None:
     arguments = (
         *("task=pick_meat", "stages=[evaluate]", "scenes=1", "recordings=0", "films=0", "wandb=disabled"),
         *("foreign.name=hold", "foreign.factory=examples.foreign.hold:make", *BLIND, f"out={tmp_path}"),

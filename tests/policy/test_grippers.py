@@ -1,4 +1,4 @@
-"""What grippers have done: changes and steps are counted, and a miss that is taken back is none."""
+"""Gripper history: it counts changes and steps, but no failed grasp that is undone."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ COMMANDS = st.lists(st.lists(st.sampled_from([1.0, -1.0, 0.3, -0.2]), min_size=2
 
 
 @given(commands=COMMANDS)
-def test_memory_counts_changes_and_steps(commands: list[list[float]]) -> None:
+def test_the_history_counts_changes_and_steps(commands: list[list[float]]) -> None:
     found = gripper_histories(np.array(commands), np.full((len(commands), 2), HELD_M))
     for agent in range(2):
         opened, count, since = True, 0, RECENT_STEPS
@@ -34,22 +34,22 @@ def test_memory_counts_changes_and_steps(commands: list[list[float]]) -> None:
 
 
 @given(tries=st.lists(st.booleans(), min_size=1, max_size=5), waits=st.integers(1, 4))
-def test_a_miss_that_is_taken_back_has_changed_nothing(tries: list[bool], waits: int) -> None:
-    """Of several tries to pick something up and put it down again, those count that held something."""
+def test_a_failed_grasp_that_is_undone_changes_nothing(tries: list[bool], waits: int) -> None:
+    """Of several attempts to pick up an object and put it down again, only those count that held it."""
     commands, widths = [1.0], [OPEN_M]
     counted: list[int] = []
     for holds in tries:
         counted += [len(commands), len(commands) + waits] * holds
         commands += [-1.0] * waits + [1.0] * waits
         apart = HELD_M if holds else EMPTY_OPENING_M / 2
-        widths += [OPEN_M, *[apart] * waits, *[OPEN_M] * (waits - 1)]  # fingers take their time
+        widths += [OPEN_M, *[apart] * waits, *[OPEN_M] * (waits - 1)]  # fingers lag
     assert gripper_changes(np.array(commands), np.array(widths)).tolist() == counted
     memory = gripper_histories(np.array([[*commands, 1.0]]).T, np.array([[*widths, OPEN_M]]).T)
     assert memory[-1, 0, :-1].argmax() == min(MOST_CHANGES, 2 * sum(tries))
 
 
-def test_a_hand_that_stays_shut_on_nothing_has_changed() -> None:
-    """As one that pushes or strikes."""
+def test_a_gripper_that_stays_closed_on_nothing_has_changed() -> None:
+    """For example one that pushes or strikes."""
     commands, widths = np.array([1.0, -1.0, -1.0, -1.0]), np.array([OPEN_M, OPEN_M, 0.0, 0.0])
     assert gripper_changes(commands, widths).tolist() == [1]
     assert gripper_histories(commands[:, None], widths[:, None])[-1, 0, :-1].argmax() == 1

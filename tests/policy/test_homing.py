@@ -1,4 +1,4 @@
-"""Homing: arms that start anywhere go to their posture of rest before they look."""
+"""Homing: arms that start anywhere go to their rest posture before their policies observe."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,14 +19,14 @@ from tests.policy.conftest import ARCHS, REST, make_episode, scene_of, shown, va
 from tests.policy.test_rollout import FASTEST_RAD, Table, judge
 from tests.robots.toy import toy
 
-AWAY_RAD = np.array([[0.09], [-0.05]])  # of all joints of two arms, from rest
+AWAY_RAD = np.array([[0.09], [-0.05]])  # offset of all joints of two arms from rest
 CHANGES = {"context": True, "observation_steps": 1, "acting.homing": True}
 GATED = {"encoder.name": "keypoints", "encoder.keypoints.noise": 0.0, "crop": 1.0, "goal_gate": True}
 GATED |= {"relative_actions": True, "task_space_actions": True}
 
 
 class Elsewhere(Table):
-    """Its arms start elsewhere."""
+    """World whose arms do not start at rest."""
 
     def reset(self, seed: int):
         super().reset(seed)
@@ -48,7 +48,7 @@ def make(policy_config: PolicyConfig, spec: ObservationSpec):
             policy = Policy(config, view, spec)
             policy.normaliser.fastest.fill_(FASTEST_RAD)
             assert isinstance(policy.head, DiffusionHead)
-            # As in test_rollout.py.
+            # Not traced, as in test_rollout.py.
             policy.head.unet.traced = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
             found.append(DiffusionRunner(policy, view, spec))
         return found
@@ -58,22 +58,22 @@ def make(policy_config: PolicyConfig, spec: ObservationSpec):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arch", (ARCHS[0], ARCHS[3]), ids=lambda arch: arch.name)
-def test_arms_are_at_rest_before_they_look(arch, make) -> None:
+def test_arms_are_at_rest_before_the_first_pictures(arch, make) -> None:
     world = Elsewhere(2)
     rollout(world, judge, make(arch), 0, 12)
     path = np.stack([each[:, :7] for each in world.actions])  # (T, 2, 7)
-    goes = np.ceil(np.abs(AWAY_RAD[:, 0]) / FASTEST_RAD).astype(int)
-    together = len(make(arch)) == 1  # then it takes as long as for the arm that is farther away
+    durations = np.ceil(np.abs(AWAY_RAD[:, 0]) / FASTEST_RAD).astype(int)
+    together = len(make(arch)) == 1  # then the arm that is farther away decides
     steps = world.pictures_taken[0]
-    assert steps == SETTLE_STEPS + (goes.max() if together else goes.min())
-    for agent, (away, needs) in enumerate(zip(AWAY_RAD[:, 0], goes, strict=True)):
-        part = np.clip(FASTEST_RAD * np.arange(1, needs + 1) / abs(away), 0, 1)
-        np.testing.assert_allclose(path[:needs, agent], REST + away * (1 - part)[:, None], atol=1e-9)
-        np.testing.assert_allclose(path[needs : needs + SETTLE_STEPS, agent] - REST, 0, atol=1e-9)
+    assert steps == SETTLE_STEPS + (durations.max() if together else durations.min())
+    for agent, (away, duration) in enumerate(zip(AWAY_RAD[:, 0], durations, strict=True)):
+        part = np.clip(FASTEST_RAD * np.arange(1, duration + 1) / abs(away), 0, 1)
+        np.testing.assert_allclose(path[:duration, agent], REST + away * (1 - part)[:, None], atol=1e-9)
+        np.testing.assert_allclose(path[duration : duration + SETTLE_STEPS, agent] - REST, 0, atol=1e-9)
     assert (np.stack(world.actions)[:steps, :, 7] == 1).all()
 
 
-def test_every_episode_begins_so_and_none_without_the_key(make) -> None:
+def test_every_episode_begins_with_homing_and_none_without_the_key(make) -> None:
     world, runners = Elsewhere(2), make(ARCHS[0])
     for seed in (0, 1):
         rollout(world, judge, runners, seed, 10)
@@ -83,7 +83,7 @@ def test_every_episode_begins_so_and_none_without_the_key(make) -> None:
 
 
 def test_rest_is_that_of_the_task(make_store, tmp_path: Path, policy_config: PolicyConfig) -> None:
-    """Which the store of its demonstrations tells; that of the robot where it is the same, or not told."""
+    """It is read from the store of the demonstrations; that of the robot if it is the same, or missing."""
     config, view = varied(policy_config, CHANGES), views(ARCHS[0], 2)[0]
     assert spec_of(config, make_store(2, 3), view).rests == ()
     usual, other = DEFAULT.rest_rad, tuple(REST.tolist())
@@ -107,23 +107,26 @@ def test_an_arm_of_six_joints_has_a_rest_of_seven(tmp_path: Path, monkeypatch: p
     assert rest.tolist() == [*arm.rest_rad, 0.0]
 
 
-def test_where_arms_rest_has_to_be_told(policy_config: PolicyConfig) -> None:
+def test_homing_needs_context(policy_config: PolicyConfig) -> None:
     with pytest.raises(ArgumentError, match=r"context is False; expected true with acting\.homing"):
         varied(policy_config, {"acting.homing": True})
 
 
-def test_policies_that_do_not_home_say_nothing_of_it(policy_config: PolicyConfig) -> None:
+def test_identities_of_policies_without_homing_lack_the_key(policy_config: PolicyConfig) -> None:
     assert "homing" not in policy_config.identity["acting"] and not policy_config.acting.homing
     assert "acting" not in policy_config.training_values
-    homes = varied(policy_config, {"context": True, "acting.homing": True})
-    assert homes.acting_values["acting"]["homing"] is True
-    stays = varied(policy_config, {"context": True})
-    assert homes.training_values == stays.training_values
-    assert homes.acting_as(stays) == stays and stays.acting_as(homes) == homes
+    with_homing = varied(policy_config, {"context": True, "acting.homing": True})
+    assert with_homing.acting_values["acting"]["homing"] is True
+    without_homing = varied(policy_config, {"context": True})
+    assert with_homing.training_values == without_homing.training_values
+    assert (
+        with_homing.acting_as(without_homing) == without_homing
+        and without_homing.acting_as(with_homing) == with_homing
+    )
 
 
 def gripped(runner: DiffusionRunner, apart_m: float) -> dict[int, np.ndarray]:
-    """What a runner that has things to do predicts once agent 1 has closed its fingers, so far apart."""
+    """Predictions of a runner with targets left, after agent 1 has closed its fingers to `apart_m`."""
     world = Elsewhere(2)
     scene = world.reset(0)
     world.qpos[0, 7:] = apart_m / 2
@@ -136,15 +139,15 @@ def gripped(runner: DiffusionRunner, apart_m: float) -> dict[int, np.ndarray]:
     return dict(runner.state.predicted)
 
 
-def test_who_has_grasped_nothing_goes_to_rest_and_looks_again(make) -> None:
+def test_after_a_failed_grasp_an_agent_goes_to_rest_and_observes_again(make) -> None:
     (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
     chunk = gripped(runner, 0.001)[1]
     assert np.allclose(chunk, np.append(REST, 1.0))
     assert not runner._episode.homing.any()
-    assert gripped(runner, 0.02) == {}  # it holds something, and has things to do
+    assert gripped(runner, 0.02) == {}  # it holds something, and has targets left
 
 
-def test_beside_who_has_grasped_nothing_others_wait_as_they_are(make) -> None:
+def test_after_a_failed_grasp_other_agents_wait_as_they_are(make) -> None:
     (runner,) = make(ARCHS[0])
     found = gripped(runner, 0.001)
     assert np.allclose(found[1], np.append(REST, 1.0))
@@ -152,7 +155,7 @@ def test_beside_who_has_grasped_nothing_others_wait_as_they_are(make) -> None:
     assert len(found[1]) == len(found[2])
 
 
-def test_fingers_that_are_meant_to_be_shut_have_missed_nothing(make, spec: ObservationSpec) -> None:
+def test_fingers_that_are_meant_to_close_fully_are_no_failed_grasp(make, spec: ObservationSpec) -> None:
     (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
     runner.spec = replace(spec, shuts=((1,), ()))
     assert gripped(runner, 0.001) == {}
@@ -160,30 +163,30 @@ def test_fingers_that_are_meant_to_be_shut_have_missed_nothing(make, spec: Obser
     assert gripped(runner, 0.001) != {}
 
 
-def test_who_has_grasped_nothing_grasps_next_elsewhere_along_the_ray(policy_config: PolicyConfig) -> None:
-    """By steps of SEARCH_STEPS; another change of its gripper, and another agent, begin anew."""
+def test_after_a_failed_grasp_the_goal_is_shifted_along_the_ray(policy_config: PolicyConfig) -> None:
+    """By SEARCH_STEPS; for another change of its gripper, or another agent, from the beginning."""
     config = varied(policy_config, CHANGES | GATED | {"acting.regrasp_step_m": 0.01})
     view = views(ARCHS[3], 2)[0]
     spec = ObservationSpec(bases=((0.0, -0.5, 0.0), (0.0, 0.5, 0.0)), rests=(tuple(REST),) * 2, keyframes=2)
     runner = DiffusionRunner(Policy(config, view, spec), view, spec)
-    known = torch.zeros(1, 1, spec.size(view))
-    known[..., :3] = torch.tensor([0.4, 0.1, 0.05])  # the TCP
+    context = torch.zeros(1, 1, spec.size(view))
+    context[..., :3] = torch.tensor([0.4, 0.1, 0.05])  # the TCP
     world = Elsewhere(2)
     observation = shown(runner, world.reset(0), world.images())
     rays = runner._rays(observation)
     assert rays is not None
-    ray = known[0, 0, :3] - rays[0, 0, :, 3]
+    ray = context[0, 0, :3] - rays[0, 0, :, 3]
     for misses in range(2 * len(SEARCH_STEPS)):
-        found = runner._goal_shift(observation, known)
+        found = runner._goal_shift(observation, context)
         expected = 0.01 * SEARCH_STEPS[misses % len(SEARCH_STEPS)] * ray / ray.norm()
         torch.testing.assert_close(torch.as_tensor(found).expand(1, 1, 3)[0, 0], expected)
         runner._episode.failed_grasps[1, 0] += 1
     runner._episode.failed_grasps[2, 0] += 1
     runner._episode.grippers.changes[0] = 2
-    assert torch.as_tensor(runner._goal_shift(observation, known)).abs().max() == 0
+    assert torch.as_tensor(runner._goal_shift(observation, context)).abs().max() == 0
 
 
-def test_a_miss_counts_at_the_change_that_it_was_to_be(make) -> None:
+def test_a_failed_grasp_counts_for_its_gripper_change(make) -> None:
     (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
     gripped(runner, 0.02)
     assert not runner._episode.failed_grasps
@@ -198,17 +201,17 @@ def test_searching_needs_homing_and_a_goal_gate(policy_config: PolicyConfig) -> 
 
 
 @pytest.mark.parametrize(("width_m", "expected"), [(0.001, ((1,), ())), (0.02, ())])
-def test_demonstrations_say_when_fingers_are_meant_to_be_shut(
+def test_demonstrations_show_when_fingers_are_meant_to_close_fully(
     tmp_path: Path, policy_config: PolicyConfig, width_m: float, expected
 ) -> None:
-    """In most of them: one that misses at first says nothing."""
+    """In most of them: one with a failed grasp at first does not count."""
     path, view = tmp_path / "pressed.zarr", views(ARCHS[0], 2)[0]
     with Store.create(path, {"task": "reach", "scene": scene_of(2)}, 2, (), 0, 0) as store:
         for seed in range(3):
             episode = replace(make_episode(seed, 2), images={}, poses={})
-            shut = episode.action[:, 0, 7] < 0
-            episode.qpos[shut, 0, 7:] = width_m / 2
+            closed = episode.action[:, 0, 7] < 0
+            episode.qpos[closed, 0, 7:] = width_m / 2
             if seed == 0:
-                episode.qpos[shut, 1, 7:] = 0.0
+                episode.qpos[closed, 1, 7:] = 0.0
             store.append(episode)
         assert spec_of(varied(policy_config, CHANGES), store, view).shuts == expected

@@ -1,4 +1,4 @@
-"""The keypoint encoder: labels from demonstrations alone, places finer than a cell, a policy led by them."""
+"""Keypoint encoder: labels from demonstrations alone, places finer than a cell, policies that use them."""
 
 from dataclasses import replace
 from itertools import product
@@ -43,28 +43,28 @@ from tests.policy.test_rollout import Table, judge
 
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
-USUAL = ObservationSpec()  # all arms are the usual one
+USUAL = ObservationSpec()  # all arms are the default robot
 CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4))
 
 
-# A camera 1 m above the base, which looks straight down on 1 m x 1 m of the table.
+# Rays of a camera 1 m above the base that looks straight down on 1 m x 1 m of the table.
 DOWN = torch.tensor([[1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 0.0], [0.0, 0.0, -1.0, 1.0]])[None, None]
 
 
 def at_height(rays: torch.Tensor, pixels: torch.Tensor, heights: torch.Tensor | float = 0.1) -> torch.Tensor:
-    """The points (B, Q, 3) where one camera, of rays (B, 1, 3, 4), sees these places (B, Q, 2)."""
+    """Points (B, Q, 3) at `heights`, on one camera's rays (B, 1, 3, 4), through the places (B, Q, 2)."""
     along = torch.nn.functional.pad(pixels, (0, 1), value=1.0) @ rays[:, 0, :, :3].mT
     origin = rays[:, 0, None, :, 3]
     return origin + along * ((heights - origin[..., 2]) / along[..., 2])[..., None]
 
 
 def one_arm() -> KeypointEncoder:
-    """Of a task of one arm whose gripper never changes: its hand at the end, and now."""
+    """Encoder for one arm whose gripper never changes: its keypoints are the gripper at the end, and now."""
     return KeypointEncoder(CONFIG, LOCAL, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
 
 
 @pytest.fixture
-def seeing(policy_config: PolicyConfig) -> PolicyConfig:
+def with_keypoints(policy_config: PolicyConfig) -> PolicyConfig:
     changes = {"encoder.name": "keypoints", "encoder.keypoints.noise": 0.002, "context": True, "crop": 1.0}
     changes |= {"observation_steps": 1, "task_space_actions": True}
     changes |= {"head.name": "refined", "head.regression.hidden": (32,)}
@@ -72,9 +72,9 @@ def seeing(policy_config: PolicyConfig) -> PolicyConfig:
 
 
 @pytest.fixture
-def fitted(seeing: PolicyConfig) -> PolicyConfig:
-    """The same, in three fits."""
-    return varied(seeing, {"encoder.keypoints.steps": 3, "head.refined.regression_steps": 3})
+def fitted(with_keypoints: PolicyConfig) -> PolicyConfig:
+    """The same config, trained in three fits."""
+    return varied(with_keypoints, {"encoder.keypoints.steps": 3, "head.refined.regression_steps": 3})
 
 
 @pytest.fixture
@@ -82,62 +82,64 @@ def budget(train_config: TrainConfig) -> TrainConfig:
     return replace(train_config, active_agent_sampling=0.5, steps=3)
 
 
-def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
-    make_store, seeing: PolicyConfig, monkeypatch: pytest.MonkeyPatch
+def test_policies_without_phases_need_no_subgoals_in_the_store(
+    make_store, with_keypoints: PolicyConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A keypoint encoder needs none; a policy that predicts its phase does."""
+    """A keypoint encoder needs no subgoals; a policy that predicts its phase does."""
     store: Store = make_store(2, 3)
     view = views(ARCHS[0], 2)[0]
     monkeypatch.setitem(store._cache, "subgoal", np.full_like(store.subgoal, -1))
-    assert len(Windows(store, view, varied(seeing, {"phases": False}), CPU))
+    assert len(Windows(store, view, varied(with_keypoints, {"phases": False}), CPU))
     with pytest.raises(ArgumentError, match="does not record the subgoals of its agents"):
-        Windows(store, view, varied(seeing, {"phases": True}), CPU)
+        Windows(store, view, varied(with_keypoints, {"phases": True}), CPU)
 
 
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
-def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig, arch: Arch) -> None:
-    """Compared with a camera model and kinematics, episode by episode, in frames of every kind."""
+def test_labels_are_the_future_poses_of_the_own_gripper(
+    make_store, with_keypoints: PolicyConfig, arch: Arch
+) -> None:
+    """Compared with a camera model and kinematics, in frames before and after the gripper closes."""
     agents = 2
     store: Store = make_store(agents, 3)
     scene = store.identity["scene"]
     bases = [planar(r["x_m"], r["y_m"], float(np.deg2rad(r["yaw_deg"]))) for r in scene["robots"]]
     for view in views(arch, agents):
-        spec = spec_of(seeing, store, view)
-        assert spec.keyframes == 1  # a gripper that closes, and stays so
+        spec = spec_of(with_keypoints, store, view)
+        assert spec.keyframes == 1  # a gripper that closes and stays closed
         for stream in view.streams:
             found = keypoints(store, stream, spec, slice(None))
             assert found.points.shape == (store.steps, spec.keypoints(view) * len(GRIPPER_POINTS), 3)
             assert spec.keypoints(view) == 2 * len(stream.agents) + agents
             eye = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(eye.fov_deg)), eye.world_from_camera)
-            hands = *stream.agents, *(k for k in range(1, agents + 1) if k not in stream.agents)
+            all_agents = *stream.agents, *(k for k in range(1, agents + 1) if k not in stream.agents)
             for frame in range(0, store.steps, 7):
-                first = frame // STEPS * STEPS  # of its episode
+                first = frame // STEPS * STEPS  # frame of its episode
                 closed = first + int(np.argmax(store.action[first : first + STEPS, 0, 7] < 0))
                 moments = [(k, at) for k in stream.agents for at in (closed, first + STEPS - 1)]
-                moments += [(k, frame) for k in hands]
+                moments += [(k, frame) for k in all_agents]
                 for (column, (agent, at)), (part, point) in product(
                     enumerate(moments), enumerate(GRIPPER_POINTS)
                 ):
-                    mine = column * len(GRIPPER_POINTS) + part
+                    index = column * len(GRIPPER_POINTS) + part
                     if at == closed and frame > closed and agent in stream.agents and column % 2 == 0:
-                        assert np.isnan(found.points[frame, mine]).all()  # it is past
+                        assert np.isnan(found.points[frame, index]).all()  # a past keyframe has no label
                         continue
                     world = apply(
                         bases[agent - 1] @ DEFAULT.tcp_pose(store.qpos[at, agent - 1]), np.array(point)
                     )
                     local = apply(inverse(bases[stream.agents[0] - 1]), world)
-                    np.testing.assert_allclose(found.points[frame, mine], local, atol=1e-6)
+                    np.testing.assert_allclose(found.points[frame, index], local, atol=1e-6)
                     seen = camera.intrinsics @ apply(inverse(camera.world_from_camera), world)
                     pixel = seen[:2] / seen[2] / (WIDTH, HEIGHT)
-                    np.testing.assert_allclose(found.pixels[frame, mine], pixel, atol=1e-4)
+                    np.testing.assert_allclose(found.pixels[frame, index], pixel, atol=1e-4)
 
 
-def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: PolicyConfig) -> None:
-    """Each camera's in its part of the picture, or nowhere; and a keypoint is the same in all of them."""
+def test_labels_of_several_cameras_are_side_by_side(make_store, with_keypoints: PolicyConfig) -> None:
+    """Places are in the part of their camera, or NaN; points and headings are the same for all cameras."""
     store: Store = make_store(2, 3)
     stream = Stream("agent1", (1,), ("global", "agent2"))
-    spec = spec_of(seeing, store, View("agent1", (stream,)))
+    spec = spec_of(with_keypoints, store, View("agent1", (stream,)))
     wide = keypoints(store, stream, spec, slice(None))
     parts = [keypoints(store, Stream(name, (1,)), spec, slice(None)) for name in stream.cameras]
     for row, part in enumerate(parts):
@@ -155,7 +157,7 @@ def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: Policy
 @pytest.mark.parametrize(
     "both", [Arch("both", False, False, both_views=True), Arch("all", True, True, both_views=True)]
 )
-def test_who_looks_through_several_cameras_learns_and_acts(
+def test_a_policy_with_several_cameras_learns_and_acts(
     make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path, both: Arch, encoder: str
 ) -> None:
     config = varied(fitted, {"encoder.name": encoder, "crop": 1.0 if encoder == "keypoints" else 0.9})
@@ -166,13 +168,15 @@ def test_who_looks_through_several_cameras_learns_and_acts(
         assert windows.batch(np.array([3]), None).pictures.shape[1:3] == config.cropped(
             HEIGHT, WIDTH * len(view.streams[0].cameras)
         )
-    told: list[RolloutStep] = []
-    rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
+    recorded: list[RolloutStep] = []
+    rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=recorded.append)
     cameras = {camera for view in views(both, 2) for camera in view.streams[0].cameras}
-    assert {sight.camera for sight in told[0].detections} == (cameras if encoder == "keypoints" else set())
+    assert {sight.camera for sight in recorded[0].detections} == (
+        cameras if encoder == "keypoints" else set()
+    )
 
 
-def test_a_camera_on_a_hand_is_refused(make_store) -> None:
+def test_a_camera_on_a_gripper_is_refused(make_store) -> None:
     store: Store = make_store(1, 3)
     store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"
     try:
@@ -198,83 +202,86 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
 
 
 @pytest.mark.slow
-def test_it_learns_to_find_what_is_shown() -> None:
-    """Within a pixel, after a hundred steps, where a cell is four pixels wide; and at what another one is."""
+def test_it_learns_to_localise_keypoints() -> None:
+    """To within a pixel after a hundred steps, with cells of four pixels; also the subgoal of another arm."""
     torch.manual_seed(0)
     spec = ObservationSpec(
         bases=((0.0, 0.0, 0.0),) * 2, subgoals=2
-    )  # another arm, which is never in the picture
+    )  # with another arm, which is never in the picture
     encoder, rng = KeypointEncoder(CONFIG, LOCAL, spec), np.random.default_rng(0)
     optimiser = torch.optim.AdamW(encoder.parameters(), 4e-3)
 
-    def shown(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def samples(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         places = rng.uniform(0.15, 0.85, (count, len(GRIPPER_POINTS), 2))
-        doing = rng.integers(0, 2, (count, 1))
+        subgoals = rng.integers(0, 2, (count, 1))
         pictures = np.full((count, 3, 48, 64), -0.2, np.float32)
         rows, columns = np.mgrid[:48, :64] + 0.5
-        for picture, hand, (left_behind,) in zip(pictures, places, doing, strict=True):
-            for colour, (x, y) in enumerate(hand):
+        for picture, gripper, (blended,) in zip(pictures, places, subgoals, strict=True):
+            for colour, (x, y) in enumerate(gripper):
                 picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
-            picture[2] += left_behind * (picture[0] + 0.2)
+            picture[2] += blended * (picture[0] + 0.2)
         places = np.pad(places, ((0, 0), (0, 2 * len(GRIPPER_POINTS)), (0, 0)), constant_values=np.nan)
         places = places.astype(np.float32)
-        return torch.from_numpy(pictures), torch.from_numpy(places), torch.from_numpy(doing)
+        return torch.from_numpy(pictures), torch.from_numpy(places), torch.from_numpy(subgoals)
 
-    _, pixels, _ = shown(200)
+    _, pixels, _ = samples(200)
     encoder.fit_points(pixels, at_height(DOWN, pixels))
     for _ in range(100):
-        pictures, pixels, doing = shown(16)
-        pixels[0, 0] = torch.nan  # past
-        labels = Labels(pixels, at_height(DOWN, pixels), torch.zeros(16, 3, 6), doing)
+        pictures, pixels, subgoals = samples(16)
+        pixels[0, 0] = torch.nan  # a past keyframe
+        labels = Labels(pixels, at_height(DOWN, pixels), torch.zeros(16, 3, 6), subgoals)
         loss = encoder.loss(pictures, DOWN.expand(16, -1, -1, -1), labels)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    pictures, pixels, doing = shown(64)
-    there = torch.cat([DOWN[..., :3], DOWN[..., 3:] + torch.tensor([0.1, -0.2, 0.3])[:, None]], 3)
-    features, places = encoder.eval().encode(pictures, there.expand(64, -1, -1, -1))  # where nobody learned
+    pictures, pixels, subgoals = samples(64)
+    other_rays = torch.cat([DOWN[..., :3], DOWN[..., 3:] + torch.tensor([0.1, -0.2, 0.3])[:, None]], 3)
+    features, places = encoder.eval().encode(pictures, other_rays.expand(64, -1, -1, -1))  # unseen rays
     found = encoder.read_out(*encoder.heat_maps(pictures), DOWN.expand(64, -1, -1, -1)).places
     own = slice(len(GRIPPER_POINTS))
     pixels = pixels[:, own]
-    off = (found[:, own] - pixels) * torch.tensor([64, 48])
-    assert off.norm(dim=2).quantile(0.9) < CELL_PX / 4
-    assert (features[:, -2:].argmax(dim=1, keepdim=True) == doing).float().mean() > 0.9
+    error = (found[:, own] - pixels) * torch.tensor([64, 48])
+    assert error.norm(dim=2).quantile(0.9) < CELL_PX / 4
+    assert (features[:, -2:].argmax(dim=1, keepdim=True) == subgoals).float().mean() > 0.9
     assert places is not None and torch.equal(places, found)
-    points, expected = features[:, : 3 * len(GRIPPER_POINTS)].unflatten(1, (-1, 3)), at_height(there, pixels)
+    points, expected = (
+        features[:, : 3 * len(GRIPPER_POINTS)].unflatten(1, (-1, 3)),
+        at_height(other_rays, pixels),
+    )
     expected[:, 1:] -= expected[:, :1]
     assert (points - expected).norm(dim=2).median() < 0.03
 
 
-def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyConfig) -> None:
-    """Wherever a keypoint still is in the picture, the same colours are round it as before."""
-    windows = Windows(make_store(1, 3), LOCAL, seeing, CPU)
+def test_labels_move_with_a_shifted_picture(make_store, with_keypoints: PolicyConfig) -> None:
+    """Shifted places and rays still meet at the labelled points, and pixels are shifted by as much."""
+    windows = Windows(make_store(1, 3), LOCAL, with_keypoints, CPU)
     chosen, rng = np.arange(0, len(windows), 3), np.random.default_rng(0)
     pictures, rays, labels = windows.labelled(chosen)
     shifted, turned, moved = windows.labelled(chosen, 8, rng)
     heights = labels.points[..., 2]
     for seen, by_rays in ((labels, rays), (moved, turned)):
         np.testing.assert_allclose(at_height(by_rays, seen.pixels, heights), labels.points, atol=1e-4)
-    by = ((moved.pixels - labels.pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
-    assert len(by.unique(dim=0)) > 20 and by.abs().max() == 8
-    for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
+    shifts = ((moved.pixels - labels.pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
+    assert len(shifts.unique(dim=0)) > 20 and shifts.abs().max() == 8
+    for before, after, (right, down) in zip(pictures, shifted, shifts.tolist(), strict=True):
         rows, columns = np.mgrid[8 : HEIGHT - 8, 8 : WIDTH - 8]
         assert torch.equal(after[rows + down, columns + right], before[rows, columns])
 
 
-def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
-    make_store, seeing: PolicyConfig, monkeypatch: pytest.MonkeyPatch
+def test_part_of_a_batch_is_sampled_where_the_agent_may_go_on(
+    make_store, with_keypoints: PolicyConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As large a part of them as is said; the rest are those that were to come, in their order.
+    """The given part of them; the others are the next ones in order.
 
-    Counted by their weights they are as all windows are.
+    Their weights restore the distribution of all windows.
     """
     store: Store = make_store(2, 3)
     action, executed = np.array(store.action), np.array(store.executed)
     first, last = store.by_episode(np.arange(store.steps))[1][[0, -10]]
-    action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 is sent nowhere
+    action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 holds still
     monkeypatch.setitem(store._cache, "action", action)
     monkeypatch.setitem(store._cache, "executed", executed)
-    windows = Windows(store, LOCAL, seeing, CPU)
+    windows = Windows(store, LOCAL, with_keypoints, CPU)
     every = np.random.default_rng(1).integers(0, store.steps, 8000)
     assert np.array_equal(windows.sample_active(every, 0.0, np.random.default_rng(0))[0], every)
     drawn, weights = windows.sample_active(every, 0.75, np.random.default_rng(0))
@@ -287,7 +294,7 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     assert weights.mean() == pytest.approx(1.0, rel=0.1)
 
 
-def test_nothing_to_see_is_nothing_to_learn() -> None:
+def test_points_outside_the_picture_have_no_loss() -> None:
     encoder, nowhere = one_arm(), torch.full((2, 2 * len(GRIPPER_POINTS), 2), torch.nan)
     points = torch.zeros(2, 2 * len(GRIPPER_POINTS), 3)
     labels = Labels(nowhere, points, torch.zeros(2, 2, 6), torch.zeros(2, 0))
@@ -300,7 +307,7 @@ def test_nothing_to_see_is_nothing_to_learn() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("saved_at", range(1, 9))
-def test_every_step_can_be_gone_on_from(
+def test_training_resumes_from_every_step(
     make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path: Path, saved_at: int
 ) -> None:
     store = make_store(1, 3)
@@ -340,8 +347,8 @@ def test_policies_of_all_views_save_and_load(
         assert torch.isfinite(actions).all()
 
 
-def test_joints_follow_the_hands() -> None:
-    """Joints that are a little off are led to where the predicted hands are, both arms of a stream."""
+def test_joints_follow_the_predicted_grippers() -> None:
+    """Joints that are a little off are corrected to the predicted gripper poses, both arms of a stream."""
     rng = np.random.default_rng(3)
     bases = [planar(0.0, -0.6, 1.5), planar(0.5, 0.6, -1.5)]
     stream = Stream("global", (1, 2))
@@ -359,13 +366,13 @@ def test_joints_follow_the_hands() -> None:
     assert np.abs(found - action)[..., :7].max() < 0.1
 
 
-def test_hands_go_as_high_above_the_table_however_high_that_is() -> None:
-    """What stands on the table is where it was to the policy; the joints are those that reach so low."""
+def test_grippers_keep_their_height_above_the_table() -> None:
+    """With a lower base, the policy observes objects on the table as before, and the joints compensate."""
     stream, action = Stream("agent1", (1,)), np.append(REST, 1.0)[None, None]
     usual, lower = [planar(0.1, -0.6, 1.5)], [planar(0.1, -0.6, 1.5, -0.03)]
     chunk = task_space_actions(USUAL, usual, stream, action).astype(float)
-    said = task_space_actions(USUAL, lower, stream, action)
-    np.testing.assert_allclose(chunk[0, 8:11] - said[0, 8:11], [0, 0, 0.03], atol=1e-6)
+    direct = task_space_actions(USUAL, lower, stream, action)
+    np.testing.assert_allclose(chunk[0, 8:11] - direct[0, 8:11], [0, 0, 0.03], atol=1e-6)
     above = Arm(DEFAULT, lower[0]).tcp(joint_actions(USUAL, lower, stream, chunk)[0, 0, :7])
     np.testing.assert_allclose(above, Arm(DEFAULT, usual[0]).tcp(action[0, 0, :7]), atol=1e-3)
     camera = CameraModel(64, 48, 1.0, CameraSpec((0.5, 0.0, 0.9)).world_from_camera)
@@ -373,7 +380,7 @@ def test_hands_go_as_high_above_the_table_however_high_that_is() -> None:
     np.testing.assert_array_equal(high, low)
 
 
-def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
+def test_grippers_out_of_reach_leave_the_joints_as_they_are() -> None:
     bases, stream = [planar(0.0, 0.0, 0.0)], Stream("agent1", (1,))
     chunk = task_space_actions(USUAL, bases, stream, np.append(REST, 1.0)[None, None]).astype(float)
     chunk[0, 8:11] = (3.0, 0.0, 0.5)
@@ -381,11 +388,11 @@ def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
 
 
 @pytest.mark.parametrize("changes", [0, 1])
-def test_an_open_goal_gate_tells_poses_from_where_the_gripper_changes_next(
-    seeing: PolicyConfig, changes: int, monkeypatch: pytest.MonkeyPatch
+def test_an_open_goal_gate_makes_positions_relative_to_the_next_keypoint(
+    with_keypoints: PolicyConfig, changes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = ObservationSpec(bases=((0.0, 0.0, 0.0),), keyframes=2)
-    policy = Policy(varied(seeing, {"goal_gate": True, "relative_actions": True}), LOCAL, spec).eval()
+    policy = Policy(varied(with_keypoints, {"goal_gate": True, "relative_actions": True}), LOCAL, spec).eval()
     assert policy.gate is not None
     last = policy.gate.layers[-2]
     assert isinstance(last, torch.nn.Linear) and policy.normaliser.action.centre.abs().max() == 0
@@ -431,34 +438,34 @@ def test_a_goal_gate_learns_with_the_first_fit_of_the_head(make_store, fitted: P
         ({"encoder.keypoints.noise": -0.1}, "noise is -0.1; expected 0 or above"),
     ],
 )
-def test_what_does_not_fit_is_refused(seeing: PolicyConfig, change: dict, message: str) -> None:
+def test_keys_that_do_not_fit_are_refused(with_keypoints: PolicyConfig, change: dict, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
-        varied(seeing, change)
+        varied(with_keypoints, change)
 
 
 @pytest.mark.slow
-def test_what_is_seen_is_told_with_the_step(
+def test_detections_are_reported_with_the_step(
     make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path
 ) -> None:
-    """Of each stream its agents' keyframes that are not past, one of them the next, and the other arms."""
+    """Per stream, the keyframes of its agents that are not past, one of them the next, and the other arms."""
     store: Store = make_store(2, 3)
     for view in views(Arch("separate_local", False, False), 2):
         train(store, view, fitted, budget, tmp_path / view.name)
-    told: list[RolloutStep] = []
-    rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
-    for step in told:
+    recorded: list[RolloutStep] = []
+    rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=recorded.append)
+    for step in recorded:
         own = {"agent1": 1, "agent2": 2}
         assert {sight.camera for sight in step.detections} == {*own}
         for camera, agent in own.items():
             sights = [sight for sight in step.detections if sight.camera == camera]
-            assert [sight.agent for sight in sights] == [agent, agent, 3 - agent]  # its own hand it knows
+            assert [sight.agent for sight in sights] == [agent, agent, 3 - agent]  # its own pose is known
             assert [sight.is_next for sight in sights] == [True, False, False]
             assert all(0 <= place <= 1 for sight in sights for place in (sight.x, sight.y))
 
 
 @pytest.mark.parametrize("names", [("agent1",), ("agent1", "global")])
-def test_rays_meet_what_a_camera_sees(names: tuple[str, ...]) -> None:
-    """Points that are projected, and met again at their height, from a base that may stand anywhere."""
+def test_rays_invert_the_projection_of_a_camera(names: tuple[str, ...]) -> None:
+    """Projected points are recovered at their height, for bases at random poses."""
     rng = np.random.default_rng(0)
     points = rng.uniform((-0.2, -0.2, 0.0), (0.2, 0.2, 0.2), (50, 3))
     for _ in range(20):
@@ -469,33 +476,33 @@ def test_rays_meet_what_a_camera_sees(names: tuple[str, ...]) -> None:
             x_m, y_m = rng.uniform(-1, 1, 2)
             pose = CameraSpec((x_m, y_m, 0.9)).world_from_camera
             cameras[name] = CameraModel(64, 48, rng.uniform(0.7, 1.4), pose)
-        stands = Calibration((base,), cameras)
-        rays = rays_of(stands, Stream("agent1", (1,), names[1:]))
+        calibration = Calibration((base,), cameras)
+        rays = rays_of(calibration, Stream("agent1", (1,), names[1:]))
         local = apply(inverse(footprint(base)), points)
         for row, (name, ray) in enumerate(zip(names, rays, strict=True)):
             seen = apply(inverse(cameras[name].world_from_camera), points) @ cameras[name].intrinsics.T
             places = seen[:, :2] / seen[:, 2:] / (64, 48)
             places[:, 0] = (places[:, 0] + row) / len(names)
-            asked = ray[None], places.astype(np.float32), local[:, 2].astype(np.float32)
-            found = at_height(*(torch.from_numpy(each)[None] for each in asked))
+            inputs = ray[None], places.astype(np.float32), local[:, 2].astype(np.float32)
+            found = at_height(*(torch.from_numpy(each)[None] for each in inputs))
             np.testing.assert_allclose(found[0], local, atol=2e-4)
 
 
-def test_a_policy_sees_by_the_calibration_that_it_is_handed(make_store, seeing: PolicyConfig) -> None:
-    """None is the usual one; from a base that stands elsewhere the same things are elsewhere."""
+def test_features_depend_on_the_given_calibration(make_store, with_keypoints: PolicyConfig) -> None:
+    """None is the usual calibration; with another base, the same picture gives other features."""
     store: Store = make_store(1, 3)
-    spec = spec_of(seeing, store, LOCAL)
+    spec = spec_of(with_keypoints, store, LOCAL)
     torch.manual_seed(0)
-    policy = Policy(seeing, LOCAL, spec)
+    policy = Policy(with_keypoints, LOCAL, spec)
     assert isinstance(policy.encoder, KeypointEncoder)
-    policy.encoder.fit(Windows(store, LOCAL, seeing, CPU))
+    policy.encoder.fit(Windows(store, LOCAL, with_keypoints, CPU))
     runner = DiffusionRunner(policy, LOCAL, spec)
     assert runner.declaration is not None and runner.declaration.calibrated
     usual = usual_calibration(store, ("agent1",))
     moved = replace(usual, world_from_base=(planar(0.1, 0.0, 0.0) @ usual.world_from_base[0],))
     pictures = torch.from_numpy(make_episode(0, 1).images["agent1"][:1])
-    stands = (torch.from_numpy(rays_of(each, LOCAL.streams[0]))[None] for each in (usual, moved))
-    seen = [policy.encode_centre_crops(pictures, rays) for rays in (None, *stands)]
+    both_rays = (torch.from_numpy(rays_of(each, LOCAL.streams[0]))[None] for each in (usual, moved))
+    seen = [policy.encode_centre_crops(pictures, rays) for rays in (None, *both_rays)]
     before, same, after = (features for features, _ in seen)
     assert torch.equal(before, same) and not torch.allclose(before, after)
 
@@ -505,8 +512,8 @@ def overhead(x_m: float, y_m: float) -> torch.Tensor:
     return DOWN + torch.nn.functional.pad(torch.tensor([x_m, y_m, 0.0])[:, None], (3, 0))
 
 
-def test_two_rays_meet_at_whatever_height() -> None:
-    """Of two cameras that see a point the height that is told hardly counts; of one it decides."""
+def test_two_rays_meet_whatever_the_given_height() -> None:
+    """With two cameras that see a point, the given height hardly matters; with one, it decides."""
     view = View("agent1", (Stream("agent1", (1,), ("global",)),))
     both = KeypointEncoder(CONFIG, view, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
     both.height_error.fill_(0.03)
@@ -517,16 +524,16 @@ def test_two_rays_meet_at_whatever_height() -> None:
         seen = (points - ray[:, 3]) @ torch.linalg.inv(ray[:, :3]).T
         places.append(seen[..., :2] / seen[..., 2:])
     rays, places = rays.expand(50, -1, -1, -1), torch.cat(places, dim=1)
-    wrong = points[..., 2] + 0.02
-    sure = torch.ones(50, 2, both.keypoints)
-    assert (both.triangulate(rays, places, sure.flatten(1), wrong) - points).norm(dim=2).max() < 0.007
-    sure[:, 1] = 1e-4  # it is not in the second picture
-    alone = both.triangulate(rays, places, sure.flatten(1), wrong)
-    expected = at_height(rays, places[:, : points.shape[1]], wrong)
+    wrong_m = points[..., 2] + 0.02
+    confidence = torch.ones(50, 2, both.keypoints)
+    assert (both.triangulate(rays, places, confidence.flatten(1), wrong_m) - points).norm(dim=2).max() < 0.007
+    confidence[:, 1] = 1e-4  # it is not in the second picture
+    alone = both.triangulate(rays, places, confidence.flatten(1), wrong_m)
+    expected = at_height(rays, places[:, : points.shape[1]], wrong_m)
     assert (alone - expected).norm(dim=2).max() < 0.002
 
 
-def test_a_ray_that_never_comes_to_its_height_ends_somewhere() -> None:
+def test_a_ray_that_never_reaches_its_height_gives_a_finite_point() -> None:
     encoder = one_arm()
     level = torch.tensor([[0.0, 0.0, 1.0, 0.5], [1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 1.0]])[None, None]
     places = torch.full((1, 2 * len(GRIPPER_POINTS), 2), 0.5).requires_grad_()

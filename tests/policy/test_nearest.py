@@ -1,4 +1,4 @@
-"""The lookup among the examples plays the demonstration back whose start is nearest, and looks no more."""
+"""The lookup policy of examples/ replays the demonstration with the nearest start, and ignores the rest."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Sizes of the paper's networks, and the short cuts held to the direct computation."""
+"""Sizes of the paper's networks, and fast paths compared with the direct computation."""
 
 import pytest
 import torch
@@ -55,7 +55,7 @@ def test_the_unet_keeps_the_shape_and_round_trips_through_diffusers(tmp_path) ->
     assert torch.equal(again(*values), unet(*values))
 
 
-def test_the_film_table_is_the_direct_computation() -> None:
+def test_the_film_table_equals_the_direct_computation() -> None:
     torch.manual_seed(0)
     unet = ConditionalUNet1D(8, 30, (16, 32, 64)).eval()
     sample, observation = torch.randn(5, 8, 8), torch.randn(5, 30)
@@ -67,7 +67,7 @@ def test_the_film_table_is_the_direct_computation() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("channels", [(16, 32), (16, 32, 64)])
-def test_the_network_that_acts_is_the_one_that_learned_to_the_last_bit(channels: tuple[int, ...]) -> None:
+def test_the_traced_network_equals_the_trained_one_to_the_last_bit(channels: tuple[int, ...]) -> None:
     torch.manual_seed(0)
     unet = ConditionalUNet1D(8, 30, channels).eval()
     film = torch.randn(7, unet.film.out_features)
@@ -79,7 +79,7 @@ def test_the_network_that_acts_is_the_one_that_learned_to_the_last_bit(channels:
 
 
 def test_every_weight_that_sees_data_learns() -> None:
-    """Of the outer taps of a kernel of 5 at length 2 no data can be seen; all else must have a gradient."""
+    """Every parameter must have a gradient; only outer taps of a kernel of 5 at length 2 see no data."""
     torch.manual_seed(0)
     unet = ConditionalUNet1D(8, 30, (16, 32))
     unet(torch.randn(4, 8, 8), torch.arange(4), torch.randn(4, 30)).square().sum().backward()
@@ -98,7 +98,7 @@ def test_normaliser_round_trip() -> None:
     assert torch.allclose(bounds.restore(inside), values, atol=1e-5)
 
 
-def test_a_still_joint_is_centred_and_not_blown_up() -> None:
+def test_a_joint_that_hardly_moves_is_centred_and_not_amplified() -> None:
     bounds = Range(1)
     bounds.fit(torch.tensor([[0.5], [0.5001]]))
     assert bounds.normalise(torch.tensor([[0.5001]])).abs().item() < 0.01

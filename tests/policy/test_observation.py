@@ -1,4 +1,4 @@
-"""Context: the same vector from a store and in a rollout, memory of the grippers, moments left out."""
+"""Context features: the same from a store and in a rollout, their frames and scales, what they need."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
 
 @pytest.fixture
-def told(policy_config: PolicyConfig) -> PolicyConfig:
+def privileged(policy_config: PolicyConfig) -> PolicyConfig:
     """A privileged-state policy."""
     return varied(policy_config, {"encoder.name": "privileged", "context": True, "observation_steps": 1})
 
@@ -46,12 +46,12 @@ def told(policy_config: PolicyConfig) -> PolicyConfig:
 @pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 @pytest.mark.parametrize("agents", [1, 2, 3])
-def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents) -> None:
-    """The context of a frame of a store is that of the scene it was taken of, and has the size it says."""
+def test_the_context_of_a_rollout_is_that_of_training(make_store, privileged, arch, agents) -> None:
+    """The context of a stored frame equals that of its scene, and has the size given by the spec."""
     store = make_store(agents, 3)
     frame = STEPS + 9  # of episode 1
     for view in views(arch, agents):
-        windows, spec = Windows(store, view, told, CPU), spec_of(told, store, view)
+        windows, spec = Windows(store, view, privileged, CPU), spec_of(privileged, store, view)
         assert windows.context.shape == (len(view.streams) * store.steps, spec.size(view))
         poses = {
             name: values[0]
@@ -61,15 +61,15 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
         for command in store.action[STEPS:frame, :, 7]:
             memory.record(dict(enumerate(command, start=1)), np.full(agents, OPEN_M))
         for row in range(len(view.streams)):
-            now = context(
+            live = context(
                 spec, view, row, store.qpos[frame].astype(float), poses, memory.vector, spec.world_from_base
             )
-            learned = windows.context[row * store.steps + frame].numpy()
-            np.testing.assert_allclose(now, learned, atol=1e-5)
+            stored = windows.context[row * store.steps + frame].numpy()
+            np.testing.assert_allclose(live, stored, atol=1e-5)
 
 
-def test_context_is_seen_from_the_own_base() -> None:
-    """Arm and object moved together over the table: the agent is told the same."""
+def test_context_is_relative_to_the_own_base() -> None:
+    """Moving arm and object together over the table does not change it."""
     qpos = np.zeros((1, 9))
     found = []
     for base in ((0.0, 0.0, 0.0), (0.4, -0.2, 1.1)):
@@ -79,34 +79,34 @@ def test_context_is_seen_from_the_own_base() -> None:
     np.testing.assert_allclose(*found, atol=1e-6)
 
 
-def test_context_is_seen_from_the_table_however_high_that_is() -> None:
-    """Over a higher table a hand is told to be lower, and what stands there to be as high."""
+def test_heights_in_the_context_are_relative_to_the_table() -> None:
+    """Over a higher table, the gripper is lower and objects on the table are as high as before."""
     spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
     poses = {"block": planar(0.5, 0.1, 0.3, 0.02)}
     usual, lower = (
         context(spec, LOCAL, 0, qpos, poses, GripperHistory(1).vector, [planar(0.0, 0.0, 0.0, z_m)])
         for z_m in (0.0, -0.03)
     )
-    hand, block = lower[:3] - usual[:3], slice(POSE_SIZE + HISTORY_SIZE, 2 * POSE_SIZE + HISTORY_SIZE)
-    np.testing.assert_allclose(hand, [0, 0, -0.03], atol=1e-6)
+    gripper, block = lower[:3] - usual[:3], slice(POSE_SIZE + HISTORY_SIZE, 2 * POSE_SIZE + HISTORY_SIZE)
+    np.testing.assert_allclose(gripper, [0, 0, -0.03], atol=1e-6)
     np.testing.assert_array_equal(lower[block], usual[block])
 
 
-def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -> None:
-    """Other numbers are scaled by their range in the demonstrations."""
+def test_offsets_near_a_gripper_have_a_fixed_scale() -> None:
+    """1 mm from a gripper is 0.01; other features are scaled by their range in the demonstrations."""
     spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
-    hand_m = tcp_poses(spec, spec.world_from_base, LOCAL.streams[0], qpos[:, :7])[0, :3]
+    tcp_m = tcp_poses(spec, spec.world_from_base, LOCAL.streams[0], qpos[:, :7])[0, :3]
 
-    def near_at(*off_m: float) -> np.ndarray:
+    def offsets_at(*off_m: float) -> np.ndarray:
         pose = planar(0.0, 0.0, 0.0)
-        pose[:3, 3] = hand_m + off_m
+        pose[:3, 3] = tcp_m + off_m
         return context(spec, LOCAL, 0, qpos, {"block": pose}, GripperHistory(1).vector, spec.world_from_base)[
             -3:
         ]
 
-    np.testing.assert_allclose(near_at(0.001, 0.05, -0.1), [0.01, 0.5, -1.0], atol=1e-6)
-    np.testing.assert_allclose(near_at(2.4, -0.3, 0.0), [1.0, -1.0, 0.0], atol=1e-6)
-    offsets = [[0.001, 0.05, -0.1], [2.4, -0.3, 0.0]]  # keypoints are read as tensors
+    np.testing.assert_allclose(offsets_at(0.001, 0.05, -0.1), [0.01, 0.5, -1.0], atol=1e-6)
+    np.testing.assert_allclose(offsets_at(2.4, -0.3, 0.0), [1.0, -1.0, 0.0], atol=1e-6)
+    offsets = [[0.001, 0.05, -0.1], [2.4, -0.3, 0.0]]  # keypoints are tensors
     np.testing.assert_allclose(
         clipped_offsets(torch.tensor(offsets)), clipped_offsets(np.array(offsets)), atol=1e-6
     )
@@ -117,7 +117,7 @@ def test_poses_survive_as_quaternions() -> None:
     np.testing.assert_allclose(from_quaternion(np.append(pose[:3, 3], quaternion(pose))), pose, atol=1e-12)
 
 
-def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
+def test_a_store_without_poses_is_refused(tmp_path, privileged) -> None:
     episode = replace(make_episode(0, 1), poses={}, images={})
     for name, identity, expected in (
         ("bare", {"task": "reach"}, "the base poses of its arms"),
@@ -130,12 +130,12 @@ def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
         with Store.create(tmp_path / f"{name}.zarr", identity, 1, (), 0, 0) as store:
             store.append(episode)
             with pytest.raises(ArgumentError, match=expected):
-                Windows(store, LOCAL, told, CPU)
+                Windows(store, LOCAL, privileged, CPU)
 
 
 @pytest.mark.slow
-def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
-    """Without one picture, a regression learned first; saved and loaded, it goes where the block says."""
+def test_a_privileged_state_policy_learns(make_store, privileged, tmp_path) -> None:
+    """Without pictures, with the regression trained first; saved and loaded, it reaches the block's goal."""
     refined = {
         "name": "refined",
         "regression.hidden": (64,),
@@ -144,14 +144,14 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     }
     refined |= {"diffusion.noise_draws": 1, "refined.regression_steps": 500}
     changes = {"relative_actions": True, "binary_grippers": True}
-    config = varied(told, {f"head.{key}": value for key, value in refined.items()} | changes)
+    config = varied(privileged, {f"head.{key}": value for key, value in refined.items()} | changes)
     recipe = small_training(steps=60, batch_size=32, device="cpu")
     train(make_store(1, 40), LOCAL, config, recipe, tmp_path / "agent1")
     policy, view, spec = load_policy(tmp_path / "agent1", "cpu")
     runner = DiffusionRunner(policy, view, spec)
-    assert not runner.needs_pictures  # no picture is ever drawn for it
+    assert not runner.needs_pictures  # no picture is ever rendered for it
     errors = []
-    for seed in range(100, 110):  # never seen
+    for seed in range(100, 110):  # not in the demonstrations
         episode = make_episode(seed, 1)
         at = STEPS - 8  # it has arrived before the chunk ends
         scene = scene_at(episode, at)
@@ -163,14 +163,14 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     assert np.median(errors) < 0.05
 
 
-def test_a_refinement_needs_clean_actions_as_predictions(told) -> None:
+def test_a_refinement_needs_clean_actions_as_predictions(privileged) -> None:
     with pytest.raises(ArgumentError, match="prediction is 'epsilon'; expected sample"):
-        varied(told, {"head.name": "refined", "head.diffusion.prediction": "epsilon"})
+        varied(privileged, {"head.name": "refined", "head.diffusion.prediction": "epsilon"})
     with pytest.raises(ArgumentError, match="context is False; expected true"):
-        varied(told, {"context": False})
+        varied(privileged, {"context": False})
 
 
-def test_without_a_regression_nothing_has_changed(policy_config) -> None:
-    """The paper's network has no part that it did not have."""
+def test_a_policy_without_a_regression_has_an_encoder_and_a_unet_only(policy_config) -> None:
+    """The paper's network has no further parts."""
     names = {".".join(name.split(".")[:2]) for name, _ in Policy(policy_config, LOCAL).named_parameters()}
     assert names == {"encoder.layers", "head.unet"}

@@ -1,4 +1,4 @@
-"""openpi's transforms: an observation and a row of an export come out alike, and commands come back."""
+"""Transforms for openpi: observations and exported rows give the same inputs; chunks lose their padding."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def observation(rng: np.random.Generator) -> dict[str, object]:
     }
 
 
-def test_an_observation_and_a_row_of_an_export_are_one_to_the_model() -> None:
+def test_an_observation_and_an_exported_row_give_the_same_inputs() -> None:
     seen = observation(np.random.default_rng(0))
     row = {
         "observation.state": np.asarray(seen["qpos"]).ravel(),
@@ -40,11 +40,11 @@ def test_an_observation_and_a_row_of_an_export_are_one_to_the_model() -> None:
     assert live["prompt"] == stored["prompt"] == "Lift it."
 
 
-def test_a_chunk_loses_what_it_was_padded_with() -> None:
+def test_a_chunk_loses_its_padding() -> None:
     chunk = np.arange(50 * 32.0).reshape(50, 32)
     np.testing.assert_array_equal(Outputs(AGENTS)({"actions": chunk})["actions"], chunk[:, :16])
 
 
-def test_no_camera_is_an_error_that_says_which_were_asked_for() -> None:
+def test_missing_cameras_are_named() -> None:
     with pytest.raises(ValueError, match="'global', 'agent1', 'agent2'"):
         Inputs(AGENTS)({"qpos": np.zeros((AGENTS, 9))})

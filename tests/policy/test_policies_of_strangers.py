@@ -1,4 +1,4 @@
-"""The folder of a policy that somebody else has made: refused with what was wrong, or it acts as it did."""
+"""Policy folders from others: they are refused with the reason, or the policy acts as it did."""
 
 import json
 import re
@@ -33,7 +33,7 @@ def sound(
     make_store: Callable[[int, int], Store],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
-    """A policy with all the parts that one can have, which learned for two steps."""
+    """A policy with all parts that there are, trained for two steps."""
     from tests.policy.conftest import HEIGHT, WIDTH, small_policy, small_training
 
     changes: dict[str, Any] = {
@@ -53,25 +53,29 @@ def sound(
     return train(make_store(2, 2), PLACE, policy, training, tmp_path_factory.mktemp("policy") / "agent1")
 
 
-def signed(folder: Path, to: Path, said: Any = None, tensors: dict[str, Tensor] | None = None) -> Path:
-    """The policy with another configuration or other tensors, and all checksums in order."""
+def signed(
+    folder: Path, to: Path, configuration: Any = None, tensors: dict[str, Tensor] | None = None
+) -> Path:
+    """A copy of the policy with another configuration or other tensors, and valid checksums."""
     to.mkdir(exist_ok=True)
     shutil.copyfile(folder / CONFIG, to / CONFIG)
     kept, metadata = read_tensors(folder / MODEL)
-    if said is not None:
-        (to / CONFIG).write_text(said if isinstance(said, str) else json.dumps(said))
+    if configuration is not None:
+        (to / CONFIG).write_text(
+            configuration if isinstance(configuration, str) else json.dumps(configuration)
+        )
         try:
             metadata = {"config": digest(json.loads((to / CONFIG).read_text()))}
-        except Exception:  # what is no JSON has no digest that could be given
+        except Exception:  # invalid JSON has no digest
             metadata = {"config": ""}
     write_tensors(to / MODEL, kept if tensors is None else tensors, metadata)
     return to
 
 
 def acts(folder: Path) -> Tensor:
-    """(1, T, A) what the policy does where nothing is to be seen."""
+    """(1, T, A) actions of the policy for features of zeros."""
     policy, view, spec = load_policy(folder, "cpu")
-    # It takes a second to be made, and computes the same.
+    # Tracing takes a second, and computes the same.
     assert isinstance(policy.head, RefinedHead)
     policy.head.diffusion.unet.traced = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     frames = policy.config.observation_steps
@@ -81,7 +85,7 @@ def acts(folder: Path) -> Tensor:
 
 
 def refused_or_same(folder: Path, expected: Tensor) -> str:
-    """What is said of a policy, empty where it acts as the sound one."""
+    """The error message for a policy; empty if it acts as the sound one."""
     try:
         found = acts(folder)
     except StageError as error:
@@ -92,7 +96,7 @@ def refused_or_same(folder: Path, expected: Tensor) -> str:
 
 
 def mutants(tensors: dict[str, Tensor]) -> Iterator[tuple[str, dict[str, Tensor]]]:
-    """Every tensor left out, reshaped, retyped or broken; and more of them than there were."""
+    """Error, tensors: every tensor left out, reshaped, of another type or not finite; and additional ones."""
     for name, value in tensors.items():
         rest = {key: each for key, each in tensors.items() if key != name}
         yield f"{name} is missing", rest
@@ -117,7 +121,7 @@ def mutants(tensors: dict[str, Tensor]) -> Iterator[tuple[str, dict[str, Tensor]
 
 
 @pytest.mark.slow
-def test_other_tensors_than_its_configuration_has_are_refused(sound: Path, tmp_path: Path) -> None:
+def test_tensors_that_do_not_fit_the_configuration_are_refused(sound: Path, tmp_path: Path) -> None:
     expected, (tensors, _), policy = acts(sound), read_tensors(sound / MODEL), load_policy(sound, "cpu")[0]
     found = list(mutants(tensors))
     assert len(found) > 9 * len(tensors)
@@ -133,18 +137,18 @@ def test_other_tensors_than_its_configuration_has_are_refused(sound: Path, tmp_p
     )
 
 
-def paths(said: Any, at: tuple = ()) -> Iterator[tuple]:
-    """Where in a configuration each of its values is."""
+def paths(node: Any, at: tuple = ()) -> Iterator[tuple]:
+    """The path of keys of each value in a configuration."""
     if at:
         yield at
-    inner = said.items() if isinstance(said, dict) else enumerate(said) if isinstance(said, list) else ()
+    inner = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for key, value in inner:
         yield from paths(value, (*at, key))
 
 
-def changed(said: Any, at: tuple, value: Any, drop: bool = False) -> Any:
-    """The configuration with another value there, or none."""
-    copy = json.loads(json.dumps(said))
+def changed(configuration: Any, at: tuple, value: Any, drop: bool = False) -> Any:
+    """The configuration with another value at the path `at`, or with `drop` without it."""
+    copy = json.loads(json.dumps(configuration))
     within = copy
     for key in at[:-1]:
         within = within[key]
@@ -162,23 +166,25 @@ DISTORTED = (None, "x\x1b[2J", -1, 10**9, 1e9, 1e400, [], {}, [[[]]], [10**9] * 
 def test_a_distorted_configuration_is_refused_or_means_the_same(
     sound: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of every key of what a policy is and sees; of what it learned from it says what it likes."""
-    monkeypatch.setattr("os.fsync", lambda _: None)  # hundreds of files, of which none need outlive a crash
-    expected, said = acts(sound), json.loads((sound / CONFIG).read_text())
-    looked_at = [
-        at for at in paths(said) if at[0] in ("learner", "policy", "acting", "view", "spec") or len(at) == 1
+    """For every key of the policy and its inputs; keys about its training may have any value."""
+    monkeypatch.setattr("os.fsync", lambda _: None)  # hundreds of files that need not survive a crash
+    expected, configuration = acts(sound), json.loads((sound / CONFIG).read_text())
+    checked = [
+        at
+        for at in paths(configuration)
+        if at[0] in ("learner", "policy", "acting", "view", "spec") or len(at) == 1
     ]
     refused = 0
-    for at in looked_at:
-        kept = [changed(said, at, None, drop=True)]
+    for at in checked:
+        kept = [changed(configuration, at, None, drop=True)]
         if isinstance(at[-1], str):
-            kept.append(changed(said, (*at[:-1], f"{at[-1]}_"), 1))
-        kept += [changed(said, at, value) for value in DISTORTED[len(str(at)) % 3 :: 3]]
+            kept.append(changed(configuration, (*at[:-1], f"{at[-1]}_"), 1))
+        kept += [changed(configuration, at, value) for value in DISTORTED[len(str(at)) % 3 :: 3]]
         for each in kept:
-            told = refused_or_same(signed(sound, tmp_path / "theirs", each), expected)
-            assert told.isprintable()
-            refused += bool(told)
-    assert refused > 4 * len(looked_at)
+            message = refused_or_same(signed(sound, tmp_path / "theirs", each), expected)
+            assert message.isprintable()
+            refused += bool(message)
+    assert refused > 4 * len(checked)
 
 
 @pytest.mark.parametrize(
@@ -188,12 +194,14 @@ def test_a_distorted_configuration_is_refused_or_means_the_same(
         *("head.diffusion.trunk", "head.regression.hidden", "encoder.keypoints.downsample"),
     ],
 )
-def test_nothing_is_made_of_a_size_that_no_machine_has(sound: Path, tmp_path: Path, key: str) -> None:
-    said, at = json.loads((sound / CONFIG).read_text()), ("policy", *key.split("."))
+def test_sizes_that_no_machine_has_are_refused_before_allocation(
+    sound: Path, tmp_path: Path, key: str
+) -> None:
+    configuration, at = json.loads((sound / CONFIG).read_text()), ("policy", *key.split("."))
     name = at[-1]
     for size in (10**9, 2**62, 10**400):
-        value = [8, size] if isinstance(reduce(getitem, at, said), list) else size
-        signed(sound, tmp_path / "theirs", changed(said, at, value))
+        value = [8, size] if isinstance(reduce(getitem, at, configuration), list) else size
+        signed(sound, tmp_path / "theirs", changed(configuration, at, value))
         tracemalloc.start()
         with pytest.raises(StageError, match=rf"not a valid policy configuration: {name} is .*at most \d+"):
             load_policy(tmp_path / "theirs", "cpu")
@@ -201,8 +209,8 @@ def test_nothing_is_made_of_a_size_that_no_machine_has(sound: Path, tmp_path: Pa
         tracemalloc.stop()
 
 
-class Made(TorchDispatchMode):
-    """Remembers the largest tensor that takes memory."""
+class LargestAllocation(TorchDispatchMode):
+    """Records the size of the largest tensor in memory."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -225,15 +233,15 @@ class Made(TorchDispatchMode):
         {"head": {"regression": {"hidden": [8192] * 8}}},
     ],
 )
-def test_a_network_that_is_larger_than_its_file_is_refused_before_it_is_made(
+def test_a_network_larger_than_its_file_is_refused_before_allocation(
     sound: Path, tmp_path: Path, most: dict[str, Any]
 ) -> None:
-    said = json.loads((sound / CONFIG).read_text())
-    said["policy"] = merged(said["policy"], most)
-    signed(sound, tmp_path / "theirs", said)
-    with Made() as made, pytest.raises(StageError, match="does not fit its configuration"):
+    configuration = json.loads((sound / CONFIG).read_text())
+    configuration["policy"] = merged(configuration["policy"], most)
+    signed(sound, tmp_path / "theirs", configuration)
+    with LargestAllocation() as allocation, pytest.raises(StageError, match="does not fit its configuration"):
         load_policy(tmp_path / "theirs", "cpu")
-    assert 0 < made.largest < 10**6
+    assert 0 < allocation.largest < 10**6
 
 
 @pytest.mark.parametrize(
@@ -249,13 +257,13 @@ def test_a_network_that_is_larger_than_its_file_is_refused_before_it_is_made(
         ('{"a": NaN}', "is not a valid policy configuration"),
     ],
 )  # fmt: skip
-def test_a_configuration_that_is_none(sound: Path, tmp_path: Path, content: str, message: str) -> None:
+def test_invalid_configurations_are_refused(sound: Path, tmp_path: Path, content: str, message: str) -> None:
     signed(sound, tmp_path / "theirs", content)
     with pytest.raises(StageError, match=message):
         load_policy(tmp_path / "theirs", "cpu")
 
 
-def test_a_policy_without_its_configuration(sound: Path, tmp_path: Path) -> None:
+def test_a_policy_without_its_configuration_is_refused(sound: Path, tmp_path: Path) -> None:
     (signed(sound, tmp_path / "theirs") / CONFIG).unlink()
     with pytest.raises(StageError, match=r"config.json cannot be read"):
         load_policy(tmp_path / "theirs", "cpu")

@@ -1,4 +1,4 @@
-"""What a release carries: policies in half the bytes that act as the whole ones do, and what judges them."""
+"""Releases: policies in half the bytes that act as the original ones, and the rows that evaluation needs."""
 
 import os
 import re
@@ -60,7 +60,7 @@ def release(folder: Path, to: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_the_small_copy_of_a_policy_acts_as_the_whole_one(out: Path, tmp_path: Path) -> None:
+def test_the_small_copy_of_a_policy_has_the_same_weights_at_half_precision(out: Path, tmp_path: Path) -> None:
     whole = out / "policies" / PLACE
     small = write_small(whole, tmp_path / "small")
     assert (small / MODEL).stat().st_size < 0.6 * (whole / MODEL).stat().st_size
@@ -95,7 +95,7 @@ def test_the_same_release_has_the_same_bytes_whenever_it_is_made(out: Path, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limit", [1_000, 30_000])  # of the first file that is copied; of a policy or the zip
+@pytest.mark.parametrize("limit", [1_000, 30_000])  # hit by the first copied file; by a policy or the ZIP
 def test_a_full_disk_or_a_size_that_is_too_large_leaves_the_release_that_was_there(
     out: Path, tmp_path: Path, limit: int
 ) -> None:
@@ -113,7 +113,7 @@ def test_a_full_disk_or_a_size_that_is_too_large_leaves_the_release_that_was_the
 
 
 @pytest.mark.slow
-def test_its_experiment_asks_for_policies_that_learned_so(
+def test_the_experiment_of_a_release_selects_its_policies(
     out: Path, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
     shutil.unpack_archive(release(out / "policies" / PLACE.parent, tmp_path), tmp_path / "released")
@@ -128,17 +128,17 @@ def test_its_experiment_asks_for_policies_that_learned_so(
 
 
 @pytest.mark.slow
-def test_what_is_no_folder_of_policies_is_refused(out: Path, tmp_path: Path) -> None:
+def test_the_folder_of_a_single_agent_is_refused(out: Path, tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match="is not the folder of trained policies; expected one such as"):
-        release(out / "policies" / PLACE, tmp_path)  # of one agent alone
+        release(out / "policies" / PLACE, tmp_path)  # that of a single agent
     assert not list(tmp_path.glob("*.zip"))
 
 
-# -- what is read of somebody's ------------------------------------------------------------------------
+# -- reading releases from others ------------------------------------------------------------------------
 
 
 def said() -> dict[str, Any]:
-    """What the experiment of a release says."""
+    """The content of the experiment file of a release."""
     policy, training = paper_policy().identity, training_of().identity
     del training["seed"]
     chosen = {"task": "lift_barrier", "constraints": "full", "arch": "separate_local"}
@@ -153,16 +153,16 @@ def said() -> dict[str, Any]:
 
 
 def packed(folder: Path, text: str | dict[str, Any]) -> Path:
-    """A release whose experiment says so."""
-    says = folder / EXPERIMENT
-    says.parent.mkdir(parents=True, exist_ok=True)
-    says.write_text(text if isinstance(text, str) else OmegaConf.to_yaml(OmegaConf.create(text)), "utf-8")
+    """The folder of a release with this experiment file."""
+    file = folder / EXPERIMENT
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text if isinstance(text, str) else OmegaConf.to_yaml(OmegaConf.create(text)), "utf-8")
     return folder
 
 
 @pytest.mark.slow
-def test_the_command_that_is_documented_takes_what_a_release_says(command: Any, tmp_path: Path) -> None:
-    """And nothing else: its other files, of which Hydra would take every one, are not seen."""
+def test_the_documented_command_uses_the_experiment_of_a_release(command: Any, tmp_path: Path) -> None:
+    """Its other files are ignored, although Hydra would read every one of them."""
     folder, marker = packed(tmp_path / "released", said()), tmp_path / "ran"
     runs = f"{{callbacks: {{x: {{_target_: os.mkdir, path: {marker}}}}}}}"
     for name, text in {
@@ -180,15 +180,15 @@ def test_the_command_that_is_documented_takes_what_a_release_says(command: Any, 
     assert done.returncode == 1 and "no trained policy in " in done.stderr, done.stderr
     [kept] = folder.glob("runs/*/*/.hydra/config.yaml")
     config: Any = OmegaConf.load(kept)
-    said_of: Any = OmegaConf.to_container(config)
+    values: Any = OmegaConf.to_container(config)
     assert (config.scenes, config.demos, config.recipe, config.train_seed) == (7, 50, "fast+dagger1", 1)
     assert config.stages == ["evaluate", "report"] and list(config.task) == ["lift_barrier"]
-    assert read_recipe(said_of["policy"], said_of["picture"]) == paper_policy()
+    assert read_recipe(values["policy"], values["picture"]) == paper_policy()
     assert not marker.exists()
 
 
 @pytest.mark.slow
-def test_what_a_person_says_wins(command: Any, tmp_path: Path) -> None:
+def test_the_command_line_overrides_a_release(command: Any, tmp_path: Path) -> None:
     folder = packed(tmp_path / "released", said())
     given = "task=pick_meat", "stages=[report]", "policy.acting.deadband_rad=0.02"
     done = command(*given, f"--config-dir={folder}", "experiment=released", f"out={tmp_path}/out")
@@ -204,7 +204,7 @@ def test_what_a_person_says_wins(command: Any, tmp_path: Path) -> None:
     "named", ["experiment=released", "+experiment=released", "experiment=ablation,released"]
 )
 @pytest.mark.parametrize("by", ["--config-dir", "hydra.searchpath"])
-def test_no_release_has_its_code_run(command: Any, tmp_path: Path, named: str, by: str) -> None:
+def test_no_code_of_a_release_is_run(command: Any, tmp_path: Path, named: str, by: str) -> None:
     marker = tmp_path / "ran"
     foreign = {"name": "x", "factory": "os:mkdir", "options": {"path": str(marker)}, "step_limit": 3}
     foreign["observations"] = {"pictures": False}
@@ -255,7 +255,9 @@ def test_no_release_has_its_code_run(command: Any, tmp_path: Path, named: str, b
         ({"training": said()["training"] | {"steps": 1e99}}, "steps"),
     ],
 )  # fmt: skip
-def test_what_a_release_may_not_say(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_other_keys_and_values_of_a_release_are_refused(
+    change: dict[str, Any], message: str, tmp_path: Path
+) -> None:
     with pytest.raises(ArgumentError, match=re.escape(message)) as refused:
         read_release(packed(tmp_path, {**said(), **change}))
     assert f"{EXPERIMENT} is no experiment of a release: " in str(refused.value)
@@ -269,13 +271,13 @@ def test_what_a_release_may_not_say(change: dict[str, Any], message: str, tmp_pa
         "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]", "x" * 10**6,
     ],
 )  # fmt: skip
-def test_what_is_no_experiment(text: str, tmp_path: Path) -> None:
+def test_files_that_are_no_experiment_are_refused(text: str, tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match="is no experiment of a release") as refused:
         read_release(packed(tmp_path, text))
     assert str(refused.value).isprintable() and len(str(refused.value)) < 5000
 
 
-def test_a_release_holds_its_own_files(tmp_path: Path) -> None:
+def test_links_out_of_a_release_are_refused(tmp_path: Path) -> None:
     folder = packed(tmp_path / "released", said())
     (folder / "results").mkdir()
     (folder / "results" / "evaluate").symlink_to(tmp_path)
@@ -288,7 +290,7 @@ def test_a_release_is_evaluated_from_its_file(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as file:
         file.write(packed(tmp_path / "made", said()) / EXPERIMENT, EXPERIMENT)
         file.writestr("../beside.txt", "no")
-    for _ in range(2):  # the second time it is there
+    for _ in range(2):  # the second time it is unpacked already
         found = expand_release(["--config-dir", str(path), "experiment=released", "scenes=3"])
         assert {"scenes=3", f"out={tmp_path}/lift_barrier", "task=lift_barrier"} <= set(found)
     assert not (tmp_path / "beside.txt").exists() and (tmp_path / "lift_barrier" / EXPERIMENT).exists()
@@ -297,7 +299,7 @@ def test_a_release_is_evaluated_from_its_file(tmp_path: Path) -> None:
     )
 
 
-def test_what_is_no_file_of_a_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_release_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.zip"
     path.write_bytes(b"nothing")
     with pytest.raises(ArgumentError, match=r"x\.zip cannot be unpacked: File is not a zip file"):

@@ -1,4 +1,4 @@
-"""Policies of the authors' release: checkpoints of known weights, entries of the challenge, and bad files."""
+"""Policies of the authors' release: checkpoints with known weights, challenge entries, invalid files."""
 
 import io
 import os
@@ -30,15 +30,15 @@ from tests.policy import release_checkpoints as theirs
 from tests.policy.scripted import FASTEST_RAD, Puppets
 
 TWO = read_task("lift_barrier")
-SEEN = Observations(state="joints", pictures=True, width=theirs.SIZE[1], height=theirs.SIZE[0])
+OBSERVED = Observations(state="joints", pictures=True, width=theirs.SIZE[1], height=theirs.SIZE[0])
 SCHEDULE: Any = {"num_train_timesteps": theirs.TIMESTEPS, "beta_schedule": "squaredcos_cap_v2"}
-SPEC = Foreign("theirs", "a.b:c", None, None, 5.0, 5.0, None, None, 0, SEEN)
+SPEC = Foreign("theirs", "a.b:c", None, None, 5.0, 5.0, None, None, 0, OBSERVED)
 
 
 def moments(
     cameras: tuple[str, ...], agents: int, size: tuple[int, int] = theirs.SIZE
 ) -> list[dict[str, Any]]:
-    """Three observations, none like another."""
+    """Three different observations."""
     rng = np.random.default_rng(1)
     return [
         {
@@ -51,7 +51,7 @@ def moments(
     ]
 
 
-def asked(policy: Any, seen: list[dict[str, Any]], seed: int = 5) -> NDArray[np.float32]:
+def act_after(policy: Any, seen: list[dict[str, Any]], seed: int = 5) -> NDArray[np.float32]:
     policy.reset(seed)
     for each in seen:
         policy.observe(each)
@@ -63,7 +63,7 @@ def noise(seed: int, row: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(int(drawn))
 
 
-def shown(seen: list[dict[str, Any]], camera: str, brightest: float = 1.0) -> torch.Tensor:
+def pictures_of(seen: list[dict[str, Any]], camera: str, brightest: float = 1.0) -> torch.Tensor:
     pictures = np.stack([each[f"rgb_{camera}"] for each in seen])
     return torch.from_numpy(pictures).movedim(-1, 1).float() * (brightest / 255)
 
@@ -75,18 +75,20 @@ def shown(seen: list[dict[str, Any]], camera: str, brightest: float = 1.0) -> to
 def test_each_arm_has_the_network_of_its_file_its_own_camera_and_noise(tmp_path: Path) -> None:
     written = theirs.write(tmp_path / "300.ckpt")
     seen, network = moments(("agent1", "agent2"), 2), theirs.network(("head_cam",), 1)
-    both, scheduler = asked(checkpoint([str(written)] * 2), seen), DDPMScheduler(**SCHEDULE)
+    both, scheduler = act_after(checkpoint([str(written)] * 2), seen), DDPMScheduler(**SCHEDULE)
     scheduler.set_timesteps(theirs.TIMESTEPS)
     assert both.shape == (theirs.STEPS, 2, 8) and np.ptp(both) > 0.1
     for row, camera in enumerate(("agent1", "agent2")):
-        told = torch.from_numpy(np.stack([each["commanded"][row] for each in seen]))
-        expected = theirs.actions(network, scheduler, {"head_cam": shown(seen, camera)}, told, noise(5, row))
+        agent_pos = torch.from_numpy(np.stack([each["commanded"][row] for each in seen]))
+        expected = theirs.actions(
+            network, scheduler, {"head_cam": pictures_of(seen, camera)}, agent_pos, noise(5, row)
+        )
         assert np.abs(both[:, row] - expected.numpy()).max() < 1e-3
 
 
 @pytest.mark.slow
 def test_one_network_of_all_arms_takes_pictures_as_its_file_says(tmp_path: Path) -> None:
-    """Up to 255, with the channels last, cut to their middle, normalised once; and another sampler."""
+    """Values up to 255, channels last, cropped to the centre, normalised once; and another sampler."""
     cameras = ("head_cam_0", "head_cam_global")
     state, height, width = theirs.network(cameras, 2, brightest=255.0), *theirs.SIZE
     encoder = {"imagenet_norm": False, "crop_shape": [height - 4, width - 8]}
@@ -94,39 +96,39 @@ def test_one_network_of_all_arms_takes_pictures_as_its_file_says(tmp_path: Path)
     changes |= {f"policy.obs_encoder.{key}": value for key, value in encoder.items()}
     path = theirs.write(tmp_path / "joint.ckpt", cameras, 2, state=state, **changes)
     seen = moments(("agent1", "agent2", "global"), 2)
-    found = asked(checkpoint(str(path), sampler="ddim", inference_steps=2), seen)
-    told = torch.from_numpy(np.stack([each["commanded"].ravel() for each in seen]))
+    found = act_after(checkpoint(str(path), sampler="ddim", inference_steps=2), seen)
+    agent_pos = torch.from_numpy(np.stack([each["commanded"].ravel() for each in seen]))
     given = {
-        name: shown(seen, camera, 255.0)[..., 2 : height - 2, 4 : width - 4]
+        name: pictures_of(seen, camera, 255.0)[..., 2 : height - 2, 4 : width - 4]
         for name, camera in zip(cameras, ("agent1", "global"), strict=True)
     }
     scheduler = DDIMScheduler(**SCHEDULE)
     scheduler.set_timesteps(2)
-    expected = theirs.actions(state, scheduler, given, told, noise(5), imagenet=False)
+    expected = theirs.actions(state, scheduler, given, agent_pos, noise(5), imagenet=False)
     assert np.abs(found.reshape(-1, 16) - expected.numpy()).max() < 1e-3
 
 
-# -- in the scenes -------------------------------------------------------------------------------------
+# -- in rollouts ---------------------------------------------------------------------------------------
 
 
-class Watched:
-    """Keeps what it is shown, and stays."""
+class Recorder:
+    """Policy that records its observations and adds 0.01 to the last commands."""
 
     observation_steps = 3
 
     def __init__(self) -> None:
-        self.shown: list[dict[str, Any]] = []
+        self.observations: list[dict[str, Any]] = []
         self.calls: list[int] = []
 
     def observe(self, observation: dict[str, Any]) -> None:
-        self.shown.append(observation)
+        self.observations.append(observation)
 
     def act(self, observation: dict[str, Any]) -> NDArray[np.float32]:
-        self.calls.append(len(self.shown))
+        self.calls.append(len(self.observations))
         return np.tile(observation["commanded"] + 0.01, (5, 1, 1))
 
 
-class Seeing(Puppets):
+class PuppetsWithCameras(Puppets):
     """Puppets with cameras."""
 
     cameras = ("agent1", "agent2", "global")
@@ -140,34 +142,34 @@ def judge(scene: Scene) -> Verdict:
     return Verdict(False, False, {})
 
 
-def test_who_looks_at_several_moments_is_shown_those_before_a_call_and_what_was_told() -> None:
-    policy, world = Watched(), Seeing(TWO)
+def test_a_policy_of_several_observation_steps_receives_those_before_a_call() -> None:
+    policy, world = Recorder(), PuppetsWithCameras(TWO)
     runner = ForeignRunner(SPEC, policy, TWO, FASTEST_RAD)
     rollout(world, judge, [runner], 7, 12)
     assert world.taken == [0, 3, 4, 5, 8, 9, 10] and policy.calls == [1, 4, 7]
-    told = np.array(world.commands, np.float32)
-    first = np.append(policy.shown[0]["qpos"][:, :7], np.ones((2, 1)), axis=1)
-    assert np.array_equal(policy.shown[0]["commanded"], first)
-    for step, each in zip(world.taken[1:], policy.shown[1:], strict=True):
-        assert np.array_equal(each["commanded"], told[step - 1])
+    commanded = np.array(world.commands, np.float32)
+    first = np.append(policy.observations[0]["qpos"][:, :7], np.ones((2, 1)), axis=1)
+    assert np.array_equal(policy.observations[0]["commanded"], first)
+    for step, each in zip(world.taken[1:], policy.observations[1:], strict=True):
+        assert np.array_equal(each["commanded"], commanded[step - 1])
 
 
 @pytest.mark.slow
-def test_checkpoints_act_in_a_scene_and_say_what_does_not_fit(tmp_path: Path) -> None:
+def test_checkpoints_act_in_a_scene_and_name_what_does_not_fit(tmp_path: Path) -> None:
     path = str(theirs.write(tmp_path / "blind.ckpt", cameras=()))
     name, options = "rf_exp.policy.foreign.robofactory:checkpoint", {"paths": [path] * 2, "device": "cpu"}
-    world = Seeing(TWO)
+    world = PuppetsWithCameras(TWO)
     rollout(world, judge, [ForeignRunner(SPEC, make_policy(name, options), TWO, FASTEST_RAD)], 7, 8)
     assert len(world.commands) == 8 and np.isfinite(world.commands).all()
     runner = ForeignRunner(SPEC, checkpoint(path), TWO, FASTEST_RAD)
     where = "policy 'theirs', scene 7, control step 0: the checkpoints command 1 arms, and the task has 2"
     with pytest.raises(StageError, match=where):
-        rollout(Seeing(TWO), judge, [runner], 7, 8)
+        rollout(PuppetsWithCameras(TWO), judge, [runner], 7, 8)
     with pytest.raises(StageError, match=r"several observation steps, which only foreign\.factory"):
         checkpoint(path).act(moments((), 1)[0])
 
 
-def test_a_camera_that_is_not_there_or_takes_other_pictures_is_named() -> None:
+def test_a_missing_camera_or_another_picture_size_is_named() -> None:
     (seen, *_) = moments(("agent2",), 1, (24, 32))
     with pytest.raises(StageError, match=r"camera 'agent1'; observed are rgb_agent2: set foreign\.obs"):
         picture(seen, "agent1", (24, 32))
@@ -179,7 +181,7 @@ def test_a_camera_that_is_not_there_or_takes_other_pictures_is_named() -> None:
 
 
 class Runs:
-    """Runs a command where it is unpickled."""
+    """Object that runs a command when it is unpickled."""
 
     def __init__(self, mark: Path) -> None:
         self._mark = mark
@@ -208,7 +210,7 @@ def test_a_pickle_that_is_no_archive_is_refused(tmp_path: Path) -> None:
         read_policy(tmp_path / "none.ckpt")
 
 
-def test_what_dill_names_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_types_named_by_dill_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The release saves with dill, which names types by a function of its own."""
 
     def _load_type(name: str) -> Any: ...
@@ -228,7 +230,7 @@ def test_what_dill_names_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def archive(saved: bytes, data: bytes = b"", compressed: bool = False) -> bytes:
-    """A file as torch.save writes it, of a pickle and the numbers of one tensor."""
+    """A file in the format of torch.save, from a pickle and the data of one tensor."""
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED) as into:
         into.writestr("a/data.pkl", saved)
@@ -237,7 +239,7 @@ def archive(saved: bytes, data: bytes = b"", compressed: bool = False) -> bytes:
 
 
 def small(**tensor: Any) -> bytes:
-    """The pickle of a tensor whose description is changed."""
+    """The pickle of a tensor (2, 3) with changed description: x + hexadecimal bytes -> other bytes."""
     made = io.BytesIO()
     torch.save({"x": torch.zeros(2, 3)}, made)
     with zipfile.ZipFile(made) as whole:
@@ -264,7 +266,7 @@ def test_tensors_that_are_longer_than_their_file_are_refused(tmp_path: Path) -> 
             file.tensor(file.contents["x"])
 
 
-def test_a_damaged_file_is_a_clear_error(tmp_path: Path) -> None:
+def test_a_damaged_file_is_an_error_that_names_it(tmp_path: Path) -> None:
     path = theirs.write(tmp_path / "bad.ckpt", cameras=())
     content = bytearray(path.read_bytes())
     path.write_bytes(content[: len(content) // 2])
@@ -365,36 +367,36 @@ def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_an_entry_is_given_observations_as_the_challenge_gives_them(entry: Path) -> None:
+def test_an_entry_receives_observations_in_the_format_of_the_challenge(entry: Path) -> None:
     policy = submission(str(entry), observation_steps=2)
     inner = policy._policy
     assert inner.path.endswith("checkpoints/last.ckpt")
     seen = moments(("agent1", "agent2", "global"), 2, (240, 320))
-    chunk = asked(policy, seen)
+    chunk = act_after(policy, seen)
     assert chunk.shape == (4, 16) and (chunk[:, 7::8] == -1).all() and len(inner.seen) == 3
-    shown = inner.seen[-1]
-    assert shown["agent"]["panda-1"]["qpos"].shape == (1, 9)
+    received = inner.seen[-1]
+    assert received["agent"]["panda-1"]["qpos"].shape == (1, 9)
     cameras = {"head_camera_agent0", "head_camera_agent1", "head_camera_global"}
-    assert shown["sensor_data"].keys() == cameras
-    picture = shown["sensor_data"]["head_camera_agent1"]["rgb"]
+    assert received["sensor_data"].keys() == cameras
+    picture = received["sensor_data"]["head_camera_agent1"]["rgb"]
     assert picture.dtype == torch.uint8 and np.array_equal(picture[0], seen[-1]["rgb_agent2"])
 
 
-def test_one_arm_has_no_number_and_cameras_stand_where_they_are_said_to() -> None:
+def test_one_arm_has_no_number_and_cameras_have_their_calibration() -> None:
     (seen, *_) = moments(("agent1",), 1, (240, 320))
     pose = np.eye(4, dtype=np.float32)
     pose[:3, 3] = 1.0, 2.0, 3.0
     seen |= {"world_from_camera_agent1": pose, "intrinsics_agent1": np.eye(3, dtype=np.float32)}
-    shown = as_maniskill(seen)
-    assert shown["agent"]["qpos"].shape == (1, 9) and "head_camera" in shown["sensor_data"]
-    stands = shown["sensor_param"]["head_camera"]
-    assert stands["extrinsic_cv"][0, :, 3].tolist() == [-1, -2, -3]
-    assert stands["cam2world_gl"][0].diagonal().tolist() == [1, -1, -1, 1]
+    converted = as_maniskill(seen)
+    assert converted["agent"]["qpos"].shape == (1, 9) and "head_camera" in converted["sensor_data"]
+    parameters = converted["sensor_param"]["head_camera"]
+    assert parameters["extrinsic_cv"][0, :, 3].tolist() == [-1, -2, -3]
+    assert parameters["cam2world_gl"][0].diagonal().tolist() == [1, -1, -1, 1]
     with pytest.raises(StageError, match=r"\{width: 320, height: 240\}"):
         as_maniskill(moments(("agent1",), 1)[0])
 
 
-def test_an_entry_that_is_not_whole_is_refused(entry: Path) -> None:
+def test_an_incomplete_entry_is_refused(entry: Path) -> None:
     (entry / "checkpoints/more.ckpt").write_text("")
     with pytest.raises(ArgumentError, match=r"checkpoints holds last.ckpt, more.ckpt; name one"):
         submission(str(entry))

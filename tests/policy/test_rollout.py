@@ -1,4 +1,4 @@
-"""The rollout loop in a tiny world whose arms go where they are told."""
+"""The rollout loop in a small world whose arms reach their targets at once."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -28,7 +28,7 @@ from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import read_task
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture, shown, varied
 
-FASTEST_RAD = 0.02  # a control step, of the policies here
+FASTEST_RAD = 0.02  # per control step, of the policies here
 
 
 class Table:
@@ -38,7 +38,7 @@ class Table:
         self.cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
         self.agents, self.size = agents, size
         self.actions: list[NDArray[np.float64]] = []
-        self.pictures_taken: list[int] = []  # at which steps
+        self.pictures_taken: list[int] = []  # steps
 
     def reset(self, seed: int) -> Scene:
         self.blocks = block_position(seed, self.agents)
@@ -71,7 +71,7 @@ def judge(scene: Scene) -> Verdict:
 
 @pytest.fixture
 def make_runner(policy_config: PolicyConfig):
-    """view -> a runner with random weights that demonstrations of FASTEST_RAD a step would give."""
+    """view -> a runner with random weights, for demonstrations of at most FASTEST_RAD per step."""
 
     def make(view: View, seed: int = 0, **changes) -> DiffusionRunner:
         config = varied(policy_config, changes)
@@ -82,11 +82,11 @@ def make_runner(policy_config: PolicyConfig):
 
 @cache
 def random_policy(config: PolicyConfig, view: View, seed: int) -> Policy:
-    """Acting changes no weight: runners of several tests share a policy."""
+    """Policy with random weights, shared by the runners of several tests, as acting changes no weight."""
     torch.manual_seed(seed)
     policy = Policy(config, view)
     policy.normaliser.fastest.fill_(FASTEST_RAD)
-    # Traced, which takes a while for each policy, it computes the same to the last bit: test_networks.py.
+    # Tracing takes a while for each policy and gives the same to the last bit: test_networks.py.
     assert isinstance(policy.head, DiffusionHead)
     policy.head.unet.traced = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     return policy
@@ -141,7 +141,7 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
     runner.state.targets.put(target[None, None])
-    runner._episode.frames.append((torch.zeros(1, 1),) * 3)  # has looked already: no prediction is due
+    runner._episode.frames.append((torch.zeros(1, 1),) * 3)  # has observed already: no prediction is due
     runner._config = varied(runner._config, {"observation_steps": 1})
     assert np.allclose(runner(shown(runner, scene, {}))[0], target)
 
@@ -158,9 +158,9 @@ def test_the_history_is_that_of_training(make_runner) -> None:
     given, positions = [], []
     act = runner._policy.act
 
-    def spy(features, proprio, told, generators, _beyond):
+    def spy(features, proprio, context, generators, _beyond):
         given.append(proprio.clone())
-        return act(features, proprio, told, generators)
+        return act(features, proprio, context, generators)
 
     runner._policy.act = spy
     rollout(world, judge, [runner], 0, 8, on_step=lambda step: positions.append(step.scene.qpos))
@@ -169,7 +169,7 @@ def test_the_history_is_that_of_training(make_runner) -> None:
     assert np.allclose(given[1][0], proprioception(np.stack(positions[3:6])))
 
 
-def test_success_is_looked_at_after_every_step(make_runner) -> None:
+def test_success_is_judged_after_every_step(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     seen: list[int] = []
 
@@ -182,7 +182,7 @@ def test_success_is_looked_at_after_every_step(make_runner) -> None:
 
 
 def touching(scene: Scene) -> Violation:
-    """What the monitor of evaluation says where two arms press on one another."""
+    """The violation that the monitor of evaluation finds if two arms press on one another."""
     pressed = replace(scene, arm_contacts=((1, 2, 12.0),))
     found = PolicyMonitor(read_task("lift_barrier"))(pressed)
     assert found is not None
@@ -199,7 +199,7 @@ def test_violations_are_counted_in_steps(make_runner) -> None:
     assert result.violations == 3 and [each.time_s for each in result.account.violations] == [0.1]
 
 
-def test_a_monitor_sees_joints_as_they_are(make_runner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_monitor_receives_joints_without_their_offset(make_runner, monkeypatch: pytest.MonkeyPatch) -> None:
     offset, seen = np.full((1, 7), 0.01), list[Scene]()
     monkeypatch.setattr(
         "rf_exp.constraints.checker.contact_evidence", lambda _, scene, *about: seen.append(scene)
@@ -231,7 +231,7 @@ def test_arms_that_press_on_one_another_stop_by_themselves(make_runner, force_n:
 
 
 @pytest.mark.parametrize("steps", [(), (2,), (4,)])
-def test_who_has_touched_another_arm_has_no_strict_success(make_runner, steps: tuple[int, ...]) -> None:
+def test_contact_with_another_arm_excludes_strict_success(make_runner, steps: tuple[int, ...]) -> None:
     class Touching(Table):
         def step(self, action: NDArray[np.float64]) -> Scene:
             scene = super().step(action)
@@ -264,25 +264,31 @@ def test_a_failure_has_its_reason_and_a_success_has_none(make_runner) -> None:
 
 
 @pytest.mark.slow
-def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_runner) -> None:
+def test_observers_receive_predictions_and_executed_actions(make_runner) -> None:
     world, runners = Table(2), [make_runner(view) for view in views(ARCHS[3], 2)]
-    told: list[RolloutStep] = []
+    recorded: list[RolloutStep] = []
     rollout(
-        world, judge, runners, 3, 8, lambda scene: touching(scene) if scene.step == 2 else None, told.append
+        world,
+        judge,
+        runners,
+        3,
+        8,
+        lambda scene: touching(scene) if scene.step == 2 else None,
+        recorded.append,
     )
-    assert [step.scene.step for step in told] == list(range(1, 9))
-    assert np.array_equal(np.stack([step.action for step in told]), np.stack(world.actions))
-    assert [step.violation for step in told[:3]] == [None, touching(told[1].scene), None]
-    assert [sorted(step.predicted) for step in told] == [[1, 2], *[[]] * 5, [1, 2], []]  # six steps a chunk
-    chunk = told[0].predicted[2]
+    assert [step.scene.step for step in recorded] == list(range(1, 9))
+    assert np.array_equal(np.stack([step.action for step in recorded]), np.stack(world.actions))
+    assert [step.violation for step in recorded[:3]] == [None, touching(recorded[1].scene), None]
+    assert [sorted(step.predicted) for step in recorded] == [[1, 2], *[[]] * 5, [1, 2], []]  # chunks of 6
+    chunk = recorded[0].predicted[2]
     assert chunk.shape == (6, 8)
-    done = np.stack([step.action[1, :7] for step in told[:6]])
-    assert (np.abs(done - REST).max(axis=1) <= FASTEST_RAD * np.arange(1, 7) + 1e-9).all()
-    assert np.abs(chunk[:, :7] - done).max() > FASTEST_RAD  # what a network without training asks for
+    executed = np.stack([step.action[1, :7] for step in recorded[:6]])
+    assert (np.abs(executed - REST).max(axis=1) <= FASTEST_RAD * np.arange(1, 7) + 1e-9).all()
+    assert np.abs(chunk[:, :7] - executed).max() > FASTEST_RAD  # as an untrained network predicts
 
 
 def holding(agent: int, steps: range, anew: bool = False):
-    """A shield that keeps an agent where it is for some steps, and has it predict anew at the end of them."""
+    """Shield that holds an agent for some steps; with `anew`, the agent predicts again after them."""
     given: list[NDArray[np.float64]] = []
 
     def shield(scene: Scene, ahead: Mapping[int, NDArray[np.float64]]) -> Decision:
@@ -299,7 +305,7 @@ def holding(agent: int, steps: range, anew: bool = False):
 
 
 @pytest.mark.slow
-def test_a_shield_that_lets_all_go_on_changes_no_bit(make_runner) -> None:
+def test_a_shield_that_withholds_nothing_changes_no_bit(make_runner) -> None:
     for arch in ARCHS:
         world, runners = Table(2), [make_runner(view) for view in views(arch, 2)]
         runs = []
@@ -311,34 +317,34 @@ def test_a_shield_that_lets_all_go_on_changes_no_bit(make_runner) -> None:
 
 
 @pytest.mark.slow
-def test_an_agent_that_is_kept_back_does_the_rest_later(make_runner) -> None:
+def test_an_agent_that_is_held_executes_the_rest_later(make_runner) -> None:
     """Separate policies have clocks of their own; agents of one policy get their next chunks together."""
-    told: list[RolloutStep] = []
+    recorded: list[RolloutStep] = []
     for arch, together in ((ARCHS[3], False), (ARCHS[1], True), (ARCHS[0], True)):
         world, runners = Table(2), [make_runner(view) for view in views(arch, 2)]
         rollout(world, judge, runners, 3, 14)
         plain = np.stack(world.actions)
-        told.clear()
-        result = rollout(world, judge, runners, 3, 14, None, told.append, shield=holding(1, range(3, 6)))
+        recorded.clear()
+        result = rollout(world, judge, runners, 3, 14, None, recorded.append, shield=holding(1, range(3, 6)))
         actions = np.stack(world.actions)
         assert result.interventions == 3
         assert np.array_equal(actions[:6, 1], plain[:6, 1])  # the other one goes on: six steps a chunk
         assert np.array_equal(actions[:2, 0], plain[:2, 0]) and (actions[2:5, 0] == actions[1, 0]).all()
         assert np.array_equal(actions[5, 0], plain[2, 0])
-        second = [sorted(step.predicted) for step in told[1:] if step.predicted]
+        second = [sorted(step.predicted) for step in recorded[1:] if step.predicted]
         assert second == ([[1, 2], [1, 2]] if together else [[2], [1], [2]])
 
 
-def test_who_is_told_to_predicts_anew_from_what_it_sees_then(make_runner) -> None:
+def test_a_new_prediction_after_waiting_uses_new_observations(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
-    told: list[RolloutStep] = []
-    rollout(world, judge, runners, 0, 9, None, told.append, shield=holding(1, range(2, 6), anew=True))
-    assert [step.scene.step for step in told if step.predicted] == [1, 6]
+    recorded: list[RolloutStep] = []
+    rollout(world, judge, runners, 0, 9, None, recorded.append, shield=holding(1, range(2, 6), anew=True))
+    assert [step.scene.step for step in recorded if step.predicted] == [1, 6]
     assert world.pictures_taken == [0, 2, 3, 4, 5]  # since its first step of waiting
-    assert [step.withheld for step in told[:3]] == [{}, {1: "waits"}, {1: "waits"}]
+    assert [step.withheld for step in recorded[:3]] == [{}, {1: "waits"}, {1: "waits"}]
 
 
-def test_a_start_the_caller_made_is_not_made_again(make_runner) -> None:
+def test_a_given_start_is_not_reset_again(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     start = world.reset(4)
     rollout(world, judge, runners, 4, 3)

@@ -1,4 +1,4 @@
-"""A displaced camera is found by where it sees the hand that joints tell of."""
+"""Self-calibration: the pose of a displaced camera from detections of the gripper, whose pose is known."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ BASE = planar(0.0, -0.75, np.pi / 2)
 EYE = CameraSpec((-0.49, -0.1, 0.66), (0.04, -0.1, 0.07), 43)
 USUAL = CameraModel(128, 96, float(np.deg2rad(EYE.fov_deg)), EYE.world_from_camera)
 START_M, GOAL_M = np.array([0.615, 0.0, 0.17]), np.array([0.53, 0.05, 0.02])
-LOOKS, NOISE_PX = 8, 0.7
+DETECTIONS, NOISE_PX = 8, 0.7
 
 
 def rays(camera: CameraModel) -> NDArray[np.float64]:
@@ -26,34 +26,36 @@ def rays(camera: CameraModel) -> NDArray[np.float64]:
 
 
 def displaced(rng: np.random.Generator) -> CameraModel:
-    """By up to 5 cm along each axis, 5 degrees and 3 degrees of its field of view."""
+    """The usual camera, displaced by up to 5 cm per axis, 5 degrees, and 3 degrees of its field of view."""
     axis, pose = rng.normal(size=3), USUAL.world_from_camera.copy()
     pose = pose @ rotation_matrix(np.deg2rad(5 * rng.uniform()) * axis / np.linalg.norm(axis))
     pose[:3, 3] += rng.uniform(-0.05, 0.05, 3)
     return replace(USUAL, world_from_camera=pose, fov_y_rad=USUAL.fov_y_rad + np.deg2rad(rng.uniform(-3, 3)))
 
 
-def place(camera: CameraModel, point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where a point is in its picture, from 0 to 1."""
+def project(camera: CameraModel, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Place of a point in the picture of a camera, from 0 to 1."""
     seen = rays(camera)
     x, y, z = np.linalg.inv(seen[:, :3]) @ (point - seen[:, 3])
     return np.array([x, y]) / z
 
 
-def off_m(believed: NDArray[np.float64], camera: CameraModel) -> float:
-    """How far from the goal that is believed to be which the camera sees at the goal, at its height."""
-    along = believed[:, :3] @ (*place(camera, GOAL_M), 1.0)
+def error_m(believed: NDArray[np.float64], camera: CameraModel) -> float:
+    """Distance from the goal to where the believed ray through its place in the picture has its height."""
+    along = believed[:, :3] @ (*project(camera, GOAL_M), 1.0)
     met = believed[:, 3] + along * (GOAL_M[2] - believed[2, 3]) / along[2]
     return float(np.linalg.norm(met - GOAL_M))
 
 
-def followed(camera: CameraModel, rng: np.random.Generator, mistaken: int | None = None) -> CameraEstimate:
-    """Sees a hand go from its start to the goal; once it takes something else for it."""
+def tracked(camera: CameraModel, rng: np.random.Generator, mistaken: int | None = None) -> CameraEstimate:
+    """Estimate from detections of a gripper on its way to the goal; the one of number `mistaken` is wrong."""
     (estimate,) = camera_estimates(rays(USUAL)[None], (128, 96))
-    for look in range(LOOKS):
-        hand = START_M + (GOAL_M - START_M) * look / (LOOKS - 1)
-        seen = place(camera, hand) + rng.normal(0, NOISE_PX, 2) / (128, 96)
-        estimate.add_detections(hand[None], np.array([[0.1, 0.9]]) if look == mistaken else seen[None])
+    for number in range(DETECTIONS):
+        gripper = START_M + (GOAL_M - START_M) * number / (DETECTIONS - 1)
+        detected = project(camera, gripper) + rng.normal(0, NOISE_PX, 2) / (128, 96)
+        estimate.add_detections(
+            gripper[None], np.array([[0.1, 0.9]]) if number == mistaken else detected[None]
+        )
     return estimate
 
 
@@ -61,41 +63,41 @@ def test_a_displaced_camera_is_found() -> None:
     rng, before, after = np.random.default_rng(0), [], []
     for _ in range(20):
         camera = displaced(rng)
-        before.append(off_m(rays(USUAL), camera))
-        after.append(off_m(followed(camera, rng).rays, camera))
+        before.append(error_m(rays(USUAL), camera))
+        after.append(error_m(tracked(camera, rng).rays, camera))
     assert np.median(before) > 0.03 and np.median(after) < 0.006 and np.quantile(after, 0.9) < 0.012
 
 
-def test_one_that_stands_as_usual_is_hardly_moved_by_noise() -> None:
+def test_noise_hardly_moves_the_estimate_of_a_usual_camera() -> None:
     rng = np.random.default_rng(1)
-    off = [off_m(followed(USUAL, rng).rays, USUAL) for _ in range(10)]
-    assert np.median(off) < 0.006
+    errors_m = [error_m(tracked(USUAL, rng).rays, USUAL) for _ in range(10)]
+    assert np.median(errors_m) < 0.006
     (fresh,) = camera_estimates(rays(USUAL)[None], (128, 96))
     np.testing.assert_allclose(fresh.rays, rays(USUAL), atol=1e-12)
 
 
-def test_a_hand_that_is_once_taken_for_something_else_counts_for_little() -> None:
+def test_a_single_mistaken_detection_has_little_weight() -> None:
     rng = np.random.default_rng(2)
-    off = [
-        off_m(followed(camera, rng, mistaken=3).rays, camera)
+    errors_m = [
+        error_m(tracked(camera, rng, mistaken=3).rays, camera)
         for camera in (displaced(rng) for _ in range(10))
     ]
-    assert np.median(off) < 0.01
+    assert np.median(errors_m) < 0.01
 
 
-def test_a_hand_that_waits_where_it_is_mistaken_counts_once() -> None:
-    """Each look at it errs alike: a long wait tells nothing new, and turned the camera by degrees."""
+def test_mistaken_detections_of_a_waiting_gripper_count_once() -> None:
+    """Their errors are alike: a long wait adds no information, and used to turn the camera by degrees."""
     rng = np.random.default_rng(3)
     for camera in (displaced(rng) for _ in range(5)):
-        estimate = followed(camera, rng)
+        estimate = tracked(camera, rng)
         for _ in range(30):
-            estimate.add_detections(GOAL_M[None], place(camera, GOAL_M)[None] + 0.08)
-        assert off_m(estimate.rays, camera) < 0.015
+            estimate.add_detections(GOAL_M[None], project(camera, GOAL_M)[None] + 0.08)
+        assert error_m(estimate.rays, camera) < 0.015
 
 
 @pytest.mark.parametrize("row", [0, 1])
 def test_each_camera_of_pictures_side_by_side_has_its_part(row: int) -> None:
-    """Rays in the middle of its part do not turn with the lens."""
+    """The ray in the middle of its part does not depend on the field of view."""
     cameras = {"one": USUAL, "other": replace(USUAL, fov_y_rad=1.0)}
     usual = rays_of(Calibration((BASE,), cameras), Stream("one", (1,), ("other",))).astype(float)
     estimate = camera_estimates(usual, (128, 96))[row]

@@ -1,4 +1,4 @@
-"""A keypoint encoder is learned once for all policies that differ in what comes after it; nothing is lost."""
+"""A keypoint encoder is trained once for all policies that share its recipe, and gives the same weights."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -14,8 +14,8 @@ from rf_exp.store import Store
 from tests.policy.conftest import rows, varied
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
-STEPS = 3  # of learning
-SEES: dict[str, Any] = {
+STEPS = 3  # of training
+RECIPE: dict[str, Any] = {
     **{"encoder.name": "keypoints", "encoder.keypoints.steps": STEPS, "context": True, "crop": 1.0},
     **{"task_space_actions": True, "horizon": 8, "head.diffusion.prediction": "epsilon"},
 }
@@ -23,7 +23,7 @@ DIFFUSION: dict[str, Any] = {
     **{"channels": (24, 32), "train_timesteps": 9, "inference_steps": 9, "sampler": "ddpm", "loss": "l1"},
     **{"trunk": (24,), "prediction": "sample", "noise_draws": 3},
 }
-OTHERWISE: dict[str, Any] = {  # in all that the encoder does not depend on
+OTHER_VALUES: dict[str, Any] = {  # other values of all keys that the encoder does not depend on
     **{"encoder.keypoints.noise": 0.01, "horizon": 16, "observation_steps": 1, "proprio_noise": 0.1},
     **{"relative_actions": False, "task_space_actions": False, "binary_grippers": True, "phase_dropout": 0.1},
     **{f"head.diffusion.{key}": value for key, value in DIFFUSION.items()},
@@ -32,16 +32,16 @@ OTHERWISE: dict[str, Any] = {  # in all that the encoder does not depend on
     **{"acting.deadband_rad": 0.1, "acting.transition_integrator": 0.5},
 }
 NOT_IN_CACHE_KEY = {"noise", *LATER_DEFAULTS["encoder"]["keypoints"]}
-SAME = {  # of which the encoder depends
-    # But for those that came later and say nothing.
+SAME = {  # keys that the encoder depends on
+    # Without those that were added later and are neutral here.
     *(
         f"encoder.keypoints.{each.name}"
         for each in fields(KeypointsConfig)
         if each.name not in NOT_IN_CACHE_KEY
     ),
     *("encoder.name", "height", "width"),
-    *("context", "crop"),  # which an encoder of keypoints needs
-    "phases",  # of which the spec has subgoals
+    *("context", "crop"),  # required by a keypoint encoder
+    "phases",  # adds subgoals to the observation spec
 }
 
 
@@ -52,7 +52,7 @@ def store(make_store: Callable[[int, int], Store]) -> Store:
 
 @pytest.fixture
 def first(policy_config: PolicyConfig) -> PolicyConfig:
-    return varied(policy_config, SEES)
+    return varied(policy_config, RECIPE)
 
 
 @pytest.fixture
@@ -61,10 +61,10 @@ def budget(train_config: TrainConfig) -> TrainConfig:
 
 
 @pytest.mark.slow
-def test_policies_that_differ_in_all_else_have_the_weights_that_they_would_have_alone(
+def test_a_shared_encoder_gives_the_same_weights_as_training_alone(
     store: Store, first: PolicyConfig, budget: TrainConfig, tmp_path: Path
 ) -> None:
-    other = varied(first, OTHERWISE)
+    other = varied(first, OTHER_VALUES)
     longer = replace(budget, epochs=1, steps=None)
     one, two = leaves(first.identity), leaves(other.identity)
     assert {key for key in one if one[key] == two.get(key)} == SAME
@@ -73,21 +73,21 @@ def test_policies_that_differ_in_all_else_have_the_weights_that_they_would_have_
     after = train(store, LOCAL, other, longer, tmp_path / "after", fit_cache=shared)
     alone = train(store, LOCAL, other, longer, tmp_path / "alone")
     assert (after / MODEL).read_bytes() == (alone / MODEL).read_bytes()
-    told = ("step", "loss", "learning_rate")
-    assert [[row[name] for name in told] for row in rows(after)] == [
-        [row[name] for name in told] for row in rows(alone) if int(row["step"]) > STEPS
+    columns = ("step", "loss", "learning_rate")
+    assert [[row[name] for name in columns] for row in rows(after)] == [
+        [row[name] for name in columns] for row in rows(alone) if int(row["step"]) > STEPS
     ]
     assert len(list(shared.iterdir())) == 1
 
 
 @pytest.mark.slow
-def test_what_it_costs_to_learn_them_is_counted_for_every_policy(
+def test_the_cost_of_a_shared_encoder_counts_for_every_policy(
     store: Store, first: PolicyConfig, budget: TrainConfig, tmp_path: Path
 ) -> None:
     made = train(
         store, LOCAL, first, replace(budget, log_every=STEPS), tmp_path / "first", fit_cache=tmp_path
     )
-    seeing_s = float(rows(made)[0]["core_s"])
+    encoder_s = float(rows(made)[0]["core_s"])
     other = train(
         store,
         LOCAL,
@@ -96,11 +96,11 @@ def test_what_it_costs_to_learn_them_is_counted_for_every_policy(
         tmp_path / "other",
         fit_cache=tmp_path,
     )
-    assert float(rows(other)[0]["core_s"]) > seeing_s
+    assert float(rows(other)[0]["core_s"]) > encoder_s
 
 
 @pytest.mark.slow
-def test_those_that_see_otherwise_learn_their_own(
+def test_policies_with_another_encoder_recipe_train_their_own(
     store: Store, first: PolicyConfig, budget: TrainConfig, tmp_path: Path
 ) -> None:
     shared = tmp_path / "encoders"

@@ -1,4 +1,4 @@
-"""Arms of fewer joints than seven, as policies have them."""
+"""Arms with fewer than seven joints in policies: padded rows and task-space actions."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from rf_exp.types import FINGERS
 from tests.robots.toy import toy
 
 
-def test_rows_are_widened_before_the_hand_and_narrowed_again() -> None:
+def test_rows_are_padded_before_the_gripper_and_unpadded_again() -> None:
     command, measured = np.arange(14.0).reshape(2, 7), np.arange(16.0).reshape(2, 8)
     assert with_padding(command, GRIPPER)[0].tolist() == [0, 1, 2, 3, 4, 5, 0, 6]
     assert with_padding(measured, FINGERS)[0].tolist() == [0, 1, 2, 3, 4, 5, 0, 6, 7]
@@ -24,8 +24,10 @@ def test_rows_are_widened_before_the_hand_and_narrowed_again() -> None:
     assert with_padding(usual, GRIPPER) is usual and unpadded_commands(usual, 7) is usual
 
 
-def test_joints_of_an_arm_with_six_follow_its_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside a Panda: of both the joints that are a little off are led to where the hands are predicted."""
+def test_joints_of_an_arm_with_six_follow_its_gripper(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a Panda: joints of both that are a little off are corrected to the predicted gripper poses."""
     monkeypatch.setattr(registry, "_ROBOTS", {DEFAULT.name: DEFAULT})
     arm = toy(tmp_path)
     add_robot(arm)
@@ -39,5 +41,5 @@ def test_joints_of_an_arm_with_six_follow_its_hand(tmp_path: Path, monkeypatch: 
     chunk[:, 8:14] += rng.normal(0, 0.01, 6)
     found = joint_actions(spec, bases, stream, chunk)
     assert not found[:, 1, 6].any()
-    said, done = (tcp_poses(spec, bases, stream, each[..., :7]) for each in (action, found))
-    np.testing.assert_allclose(done, said, atol=2e-3)
+    intended, reached = (tcp_poses(spec, bases, stream, each[..., :7]) for each in (action, found))
+    np.testing.assert_allclose(reached, intended, atol=2e-3)

@@ -1,4 +1,4 @@
-"""Other starts of demonstrations: joints, hands and what is seen of them move together."""
+"""Randomised starts of demonstrations: joints, grippers and their features move together."""
 
 import numpy as np
 import pytest
@@ -18,31 +18,31 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture(autouse=True)
-def short_ways(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The arms of this small world go a few centimetres."""
+def short_approaches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arms of this small world move only a few centimetres."""
     monkeypatch.setattr("rf_exp.policy.examples.starts.APPROACH_M", 0.005)
 
 
 @pytest.fixture
-def elsewhere(policy_config: PolicyConfig) -> PolicyConfig:
+def with_offsets(policy_config: PolicyConfig) -> PolicyConfig:
     changes = {"encoder.name": "keypoints", "context": True, "crop": 1.0, "observation_steps": 1}
     changes |= {"task_space_actions": True, "relative_actions": True, "start_offset_rad": 0.1, "horizon": 8}
     return varied(policy_config, changes)
 
 
-def hands(spec: ObservationSpec, stream: Stream, joints: torch.Tensor) -> torch.Tensor:
+def tcps(spec: ObservationSpec, stream: Stream, joints: torch.Tensor) -> torch.Tensor:
     """Poses of the TCPs (..., n, POSE) of joints (..., n, 7)."""
-    stands: list[Matrix] = spec.world_from_base
-    return torch.from_numpy(tcp_poses(spec, stands, stream, joints.double().numpy())).float()
+    bases: list[Matrix] = spec.world_from_base
+    return torch.from_numpy(tcp_poses(spec, bases, stream, joints.double().numpy())).float()
 
 
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
-def test_an_arm_that_started_elsewhere_joins_what_was_demonstrated(
-    make_store, elsewhere: PolicyConfig, arch: Arch
+def test_an_arm_with_another_start_joins_the_demonstration(
+    make_store, with_offsets: PolicyConfig, arch: Arch
 ) -> None:
     store: Store = make_store(2, 3)
     for view in views(arch, 2):
-        windows = Windows(store, view, elsewhere, CPU)
+        windows = Windows(store, view, with_offsets, CPU)
         chosen = np.arange(len(windows))
         usual, other = windows.batch(chosen, None), windows.batch(chosen, np.random.default_rng(0))
         again = windows.batch(chosen, np.random.default_rng(0))
@@ -52,64 +52,64 @@ def test_an_arm_that_started_elsewhere_joins_what_was_demonstrated(
         for number, stream in enumerate(view.streams):
             first = number * store.steps
             for row in range(agents):
-                mine = slice(first, first + store.steps)
-                joints = (each.proprio[mine, 0, row * 8 : row * 8 + 7] for each in (usual, other))
+                rows = slice(first, first + store.steps)
+                joints = (each.proprio[rows, 0, row * 8 : row * 8 + 7] for each in (usual, other))
                 was, now = joints
                 moved = (now - was).abs().amax(dim=1)
                 step = torch.arange(store.steps) % STEPS
-                assert (moved[step < STILL] > 0).all()  # it has not gone anywhere yet
+                assert (moved[step < STILL] > 0).all()  # it has not moved yet
                 closed = step >= STEPS - 6
                 assert (moved[closed] == 0).all()
-                torch.testing.assert_close(other.action[mine][closed], usual.action[mine][closed])
-                # Hands and commands follow the joints; grippers do not.
-                told = own_tcp_and_changes(other.context[mine, 0], row)[0]
+                torch.testing.assert_close(other.action[rows][closed], usual.action[rows][closed])
+                # TCP poses and commands follow the joints; gripper openings do not.
+                tcp = own_tcp_and_changes(other.context[rows, 0], row)[0]
                 torch.testing.assert_close(
-                    told,
-                    hands(windows.spec, stream, now.unflatten(1, (1, 7)).repeat(1, agents, 1))[:, row],
+                    tcp,
+                    tcps(windows.spec, stream, now.unflatten(1, (1, 7)).repeat(1, agents, 1))[:, row],
                     atol=1e-5,
                     rtol=0,
                 )
-                command = other.action[mine][..., row * 8 : row * 8 + 7]
-                sent = other.action[mine][..., agents * 8 + row * 9 :][..., :9]
+                command = other.action[rows][..., row * 8 : row * 8 + 7]
+                commanded_tcp = other.action[rows][..., agents * 8 + row * 9 :][..., :9]
                 torch.testing.assert_close(
-                    sent,
-                    hands(windows.spec, stream, command[..., None, :].expand(-1, -1, agents, -1))[
-                        ..., row, :
-                    ],
+                    commanded_tcp,
+                    tcps(windows.spec, stream, command[..., None, :].expand(-1, -1, agents, -1))[..., row, :],
                     atol=1e-5,
                     rtol=0,
                 )
                 torch.testing.assert_close(
-                    other.action[mine][..., row * 8 + 7], usual.action[mine][..., row * 8 + 7]
+                    other.action[rows][..., row * 8 + 7], usual.action[rows][..., row * 8 + 7]
                 )
                 torch.testing.assert_close(
-                    other.proprio[mine, 0, row * 8 + 7], usual.proprio[mine, 0, row * 8 + 7]
+                    other.proprio[rows, 0, row * 8 + 7], usual.proprio[rows, 0, row * 8 + 7]
                 )
 
 
-def test_of_an_offset_less_is_left_the_farther_the_arm_has_gone(make_store, elsewhere: PolicyConfig) -> None:
-    windows = Windows(make_store(1, 3), views(ARCHS[3], 1)[0], elsewhere, CPU)
+def test_an_offset_decreases_as_the_arm_moves_on(make_store, with_offsets: PolicyConfig) -> None:
+    windows = Windows(make_store(1, 3), views(ARCHS[3], 1)[0], with_offsets, CPU)
     steps = np.arange(STEPS)
     usual, other = windows.batch(steps, None), windows.batch(steps, np.random.default_rng(1))
     assert windows._start_offsets is not None
-    left = windows._start_offsets.remaining[:STEPS, 0]
-    assert left[0] == 1 and (np.diff(left) <= 0).all() and left[STEPS - 7] == 0
-    assert np.ptp(left[:STILL]) == 0
-    part = ((other.proprio - usual.proprio)[:, 0, :7]).numpy() / np.where(left > 0, left, 1)[:, None]
-    deviations = part[left > 0].std()
+    remaining = windows._start_offsets.remaining[:STEPS, 0]
+    assert remaining[0] == 1 and (np.diff(remaining) <= 0).all() and remaining[STEPS - 7] == 0
+    assert np.ptp(remaining[:STILL]) == 0
+    part = (
+        ((other.proprio - usual.proprio)[:, 0, :7]).numpy() / np.where(remaining > 0, remaining, 1)[:, None]
+    )
+    deviations = part[remaining > 0].std()
     assert 0.05 < deviations < 0.2
 
 
-def test_only_the_own_hands_of_now_are_seen_elsewhere(make_store, elsewhere: PolicyConfig) -> None:
-    """And as the labels of an arm that really stands there would say."""
+def test_only_the_present_own_grippers_move_in_the_features(make_store, with_offsets: PolicyConfig) -> None:
+    """They move as the labels of an arm with this start would."""
     view = views(ARCHS[3], 2)[1]
-    windows = Windows(make_store(2, 3), view, elsewhere, CPU)
+    windows = Windows(make_store(2, 3), view, with_offsets, CPU)
     batch = windows.batch(np.arange(4), np.random.default_rng(2))
-    policy = Policy(elsewhere, view, windows.spec)
+    policy = Policy(with_offsets, view, windows.spec)
     features = torch.randn(4, 1, policy.encoder.features)
     assert batch.gripper_offsets is not None
     change = policy.encoder.displaced(features, batch.gripper_offsets) - features
-    own = windows.spec.keyframes + 1  # behind the keyframes of the one own agent
+    own = windows.spec.keyframes + 1  # after the keyframes of the one own agent
     now = change[:, 0, own * KEYPOINT_SIZE : (own + 1) * KEYPOINT_SIZE]
     assert (now[:, :3].abs().sum(dim=1) > 0).all() and (
         now[:, 3 * len(GRIPPER_POINTS) + HEADING_SIZE :] == 0
@@ -123,7 +123,7 @@ def test_only_the_own_hands_of_now_are_seen_elsewhere(make_store, elsewhere: Pol
     assert (change == 0).all()
 
 
-def test_pictures_cannot_be_moved(policy_config: PolicyConfig) -> None:
+def test_start_offsets_need_a_keypoint_encoder(policy_config: PolicyConfig) -> None:
     with pytest.raises(
         ArgumentError, match=r"start_offset_rad is 0\.1; expected 0 but with encoder keypoints"
     ):

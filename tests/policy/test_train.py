@@ -80,7 +80,7 @@ def test_resuming_equals_an_uninterrupted_run(
 
 
 def losses(training: Training) -> list[float]:
-    """Of the curves of a training to its end."""
+    """Losses of the curves of a training, which is run to its end."""
     found = []
     while not training.done:
         if (curve := training.step()) is not None:
@@ -107,7 +107,7 @@ def test_checkpoints_between_curves_resume_too(
     assert all(torch.equal(value, averages[1][name]) for name, value in averages[0].items())
 
 
-def test_ctrl_c_is_handed_back_afterwards(
+def test_the_handler_of_ctrl_c_is_restored_afterwards(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
     before = signal.getsignal(signal.SIGINT)
@@ -131,7 +131,7 @@ def test_a_finished_folder_is_returned_untouched(
 ) -> None:
     train(store, LOCAL, policy_config, train_config, tmp_path)
     before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in tmp_path.iterdir()}
-    again = replace(train_config, device="auto", log_every=1)  # how, not what
+    again = replace(train_config, device="auto", log_every=1)  # they do not affect the weights
     assert train(store, LOCAL, policy_config, again, tmp_path, interrupt) == tmp_path
     assert {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in tmp_path.iterdir()} == before
 
@@ -189,7 +189,7 @@ def test_every_flipped_bit_is_noticed(
                 policy, view, _ = load_policy(tmp_path, "cpu")
             except StageError as error:
                 assert re.search(rf"{name} is damaged.*train again \(stages=\[train\]\)", str(error))
-            else:  # a blank between two values, say
+            else:  # for instance a blank between two values
                 assert (policy.config, view) == (policy_config, LOCAL)
                 for key, value in whole.state_dict().items():
                     assert torch.equal(value, policy.state_dict()[key])
@@ -205,7 +205,7 @@ def test_weights_of_an_earlier_version_are_refused(
         load_policy(tmp_path, "cpu")
 
 
-def test_a_damaged_state_is_not_gone_on_with(
+def test_training_does_not_resume_from_a_damaged_state(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
     with pytest.raises(KeyboardInterrupt):
@@ -225,7 +225,7 @@ def test_leftovers_of_a_kill_are_removed(
     assert {path.name for path in tmp_path.iterdir()} == {CONFIG, MODEL, CURVES}
 
 
-def test_an_empty_configuration_says_what_helps(
+def test_an_empty_configuration_is_reported_with_a_remedy(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
     (tmp_path / CONFIG).write_text("")
@@ -263,19 +263,19 @@ CHANGES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", CHANGES)
-def test_the_version_of_the_learner_stands_for_what_it_learns(
+def test_losses_of_this_version_of_the_learner_are_as_recorded(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, kind: str
 ) -> None:
-    """Where this fails because learning has changed: raise LEARNER, and take the new losses."""
+    """If this fails because learning has changed, raise LEARNER and record the new losses."""
     config = varied(policy_config, CHANGES[kind] | {"encoder.keypoints.shift_px": 8})
     folder = train(store, LOCAL, config, replace(train_config, log_every=2), tmp_path / kind)
-    logs = sum(math.log(float(row["loss"])) for row in rows(folder))  # each of them counts alike
+    logs = sum(math.log(float(row["loss"])) for row in rows(folder))  # so that all count alike
     assert logs == pytest.approx(LOSSES[LEARNER][kind], abs=2e-3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["compact", "keypoints"])
-def test_an_average_of_what_is_learned_is_one_of_everything(
+def test_averaging_the_trained_parts_equals_averaging_all(
     store: Store,
     policy_config: PolicyConfig,
     train_config: TrainConfig,
@@ -301,10 +301,10 @@ def test_a_budget_in_epochs_is_that_many_passes(
     assert training.steps == 2 * 5  # 72 windows in batches of at most 16
 
 
-def test_how_a_policy_acts_is_no_part_of_what_it_learned(
+def test_acting_values_can_change_without_new_training(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
-    """Steps that are executed and the sampler may be others at a rollout, without training again."""
+    """Executed steps and the sampler may differ in a rollout, without training again."""
     train(store, LOCAL, policy_config, train_config, tmp_path)
     before = (tmp_path / MODEL).read_bytes()
     other = varied(policy_config, {"acting.action_steps": 2, "head.diffusion.inference_steps": 4})
@@ -318,7 +318,7 @@ def test_how_a_policy_acts_is_no_part_of_what_it_learned(
         train(store, LOCAL, varied(other, {"horizon": 16}), train_config, tmp_path)
 
 
-def test_what_another_learner_has_made_is_refused(
+def test_policies_of_another_version_of_the_learner_are_refused(
     store: Store,
     policy_config: PolicyConfig,
     train_config: TrainConfig,
@@ -327,12 +327,12 @@ def test_what_another_learner_has_made_is_refused(
 ) -> None:
     train(store, LOCAL, policy_config, train_config, tmp_path)
     monkeypatch.setattr("rf_exp.policy.learning.checkpoint.LEARNER", LEARNER + 1)
-    said = rf"is by version {LEARNER} of the learner, this is version {LEARNER + 1}; delete the folder"
-    with pytest.raises(StageError, match=said):
+    message = rf"is by version {LEARNER} of the learner, this is version {LEARNER + 1}; delete the folder"
+    with pytest.raises(StageError, match=message):
         load_policy(tmp_path, "cpu")
 
 
-def test_loading_where_nothing_is(tmp_path: Path) -> None:
+def test_loading_from_an_empty_folder(tmp_path: Path) -> None:
     with pytest.raises(StageError, match=r"no trained policy in .*: model.safetensors is missing; train it"):
         load_policy(tmp_path)
 
@@ -364,12 +364,12 @@ def test_learning_rate_warms_up_and_falls_to_zero() -> None:
 
 
 @pytest.mark.slow
-def test_it_learns_to_go_where_the_block_lies(
+def test_it_learns_to_reach_the_goal_of_the_block(
     make_store: Callable[[int, int], Store], policy_config: PolicyConfig, tmp_path: Path
 ) -> None:
-    """From the picture alone, in episodes it has not seen, at less than half the error of the mean action."""
+    """From the picture alone, in unseen episodes, with less than half the error of the mean action."""
     curves: list[Curve] = []
-    # Nothing in these pictures tells where a crop was cut from, so they are seen whole.
+    # Crops of these pictures do not show where they were cut from, so whole pictures are used.
     config = varied(policy_config, {"crop": 1.0, "head.diffusion.noise_draws": 4})
     budget = small_training(steps=900, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
     train(make_store(1, 40), LOCAL, config, budget, tmp_path, curves.append)
@@ -388,15 +388,15 @@ def test_it_learns_to_go_where_the_block_lies(
     assert error < 0.5 * spread, f"error {error:.4f} rad, spread {spread:.4f} rad"
 
 
-def test_a_full_disk_is_named_with_the_file_and_leaves_the_one_before(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_keeps_the_previous_file(tmp_path: Path) -> None:
     path, small = tmp_path / "model.safetensors", {"weight": torch.ones(4)}
     write_tensors(path, small, {"step": "1"})
-    with small_files(10_000), pytest.raises(StageError) as told:
+    with small_files(10_000), pytest.raises(StageError) as error:
         write_tensors(path, {"weight": torch.ones(10_000)}, {"step": "2"})
     assert re.fullmatch(
         rf"cannot write {path}: .*File too large.*; free some space there, the same command goes on from .*",
-        str(told.value),
+        str(error.value),
     )
-    tensors, said = read_tensors(path)
-    assert tensors["weight"].tolist() == [1.0] * 4 and said == {"step": "1"}
+    tensors, metadata = read_tensors(path)
+    assert tensors["weight"].tolist() == [1.0] * 4 and metadata == {"step": "1"}
     assert [each.name for each in tmp_path.iterdir()] == [path.name]

@@ -1,4 +1,4 @@
-"""Transition integrator: who waits where nothing changes goes on in the end, at the likely subgoal."""
+"""Transition integrator: an agent in an unchanged scene goes on in the end, at a likely subgoal."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ def steps_until_free(bound: float, probabilities: np.ndarray, most: int = 50) ->
 
 
 @pytest.mark.parametrize("go", [0.05, 0.2, 0.4, 0.5])
-def test_the_looks_of_an_unchanged_scene_add_up(go: float) -> None:
+def test_predictions_of_an_unchanged_scene_add_up(go: float) -> None:
     assert steps_until_free(1.0, predicted(go, 0.9, 0.1)) == round(1 / go + 0.49)
     assert steps_until_free(0.0, predicted(go, 0.9, 0.1)) is None
 
 
-def test_more_than_a_half_goes_at_once() -> None:
+def test_a_probability_above_half_goes_on_at_once() -> None:
     assert (
         steps_until_free(1.0, predicted(0.51, 1.0, 0.0))
         == steps_until_free(0.0, predicted(0.51, 1.0, 0.0))
@@ -29,7 +29,7 @@ def test_more_than_a_half_goes_at_once() -> None:
     )
 
 
-def test_what_changes_begins_the_sum_anew() -> None:
+def test_a_change_resets_the_sum() -> None:
     transitions = TransitionIntegrator(1.0)
     for count in range(20):
         assert not transitions(predicted(0.4, *((0.9, 0.1) if count % 2 else (0.8, 0.2))))[1].any()
@@ -37,7 +37,7 @@ def test_what_changes_begins_the_sum_anew() -> None:
     assert transitions(predicted(0.42, 0.9, 0.1))[1].all()
 
 
-def test_each_agent_waits_for_itself() -> None:
+def test_each_agent_has_its_own_sum() -> None:
     transitions = TransitionIntegrator(1.0)
     probabilities = np.array([[1.0, 0.0, 0.4], [1.0, 0.0, 0.3]])
     assert [transitions(probabilities)[1].tolist() for _ in range(4)] == [

@@ -38,12 +38,12 @@ def test_cameras_and_sizes_follow_the_architecture(arch: Arch, agents: int) -> N
             assert stream.camera == expected
 
 
-def test_the_four_for_two_agents() -> None:
-    joint, shared, seen_by_all, local = (views(arch, 2) for arch in ARCHS)
+def test_the_four_architectures_for_two_agents() -> None:
+    joint, shared, separate_global, local = (views(arch, 2) for arch in ARCHS)
     one, two = Stream("agent1", (1,)), Stream("agent2", (2,))
     assert joint == (View("joint", (Stream("global", (1, 2)),)),)
     assert shared == (View("shared", (one, two)),)
-    assert seen_by_all == (
+    assert separate_global == (
         View("agent1", (Stream("global", (1,)),)),
         View("agent2", (Stream("global", (2,)),)),
     )
@@ -61,14 +61,14 @@ def test_the_configuration_file_says_the_same(arch: Arch) -> None:
     assert node == {arch.name: {"shared_policy": arch.shared_policy, "global_view": arch.global_view}}
 
 
-def test_the_coordinated_one_is_separate_local_and_told_more() -> None:
+def test_separate_coordinated_is_separate_local_with_coordination() -> None:
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "arch" / "separate_coordinated.yaml"))
     coordinated = views(Arch("separate_coordinated", **node["separate_coordinated"]), 3)
     assert all(view.coordinated for view in coordinated)
     assert tuple(replace(view, coordinated=False) for view in coordinated) == views(ARCHS[3], 3)
 
 
-def test_both_views_stand_side_by_side() -> None:
+def test_both_views_are_side_by_side_in_one_stream() -> None:
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "arch" / "separate_both.yaml"))
     both = Arch("separate_both", **node["separate_both"])
     assert views(both, 2) == (
@@ -83,14 +83,14 @@ def test_both_views_stand_side_by_side() -> None:
 
 
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
-def test_an_architecture_of_the_paper_names_nothing_that_it_lacks(arch: Arch) -> None:
-    """What policies are made of stays what it was when there was nothing else."""
+def test_identities_of_the_paper_s_architectures_have_no_other_keys(arch: Arch) -> None:
+    """So identities of policies stay as they were before there were other architectures."""
     for view in views(arch, 2):
         streams = [{"camera": stream.camera, "agents": stream.agents} for stream in view.streams]
         assert view.identity == {"name": view.name, "streams": streams}
 
 
-def test_all_holds_the_four() -> None:
+def test_arch_all_selects_the_four_architectures() -> None:
     with initialize_config_dir(str(CONF / "arch"), version_base=None):
         found = OmegaConf.to_container(compose("all"))
     assert isinstance(found, dict)

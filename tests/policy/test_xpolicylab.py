@@ -1,4 +1,4 @@
-"""The example for a model of XPolicyLab: its names, its order of arms, its chunks."""
+"""The example adapter for models of XPolicyLab: its names, its order of arms, its chunks."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from rf_exp.client import Contract, validate_chunk
 
 
 class Model:
-    """Goes on from where it sees the arms, a tenth of a radian a step; by their template."""
+    """Model by XPolicyLab's template that moves the arms from their observed joints by 0.1 rad per step."""
 
     def __init__(self) -> None:
         self.observed: list[dict[str, Any]] = []
@@ -36,13 +36,13 @@ def test_two_arms_are_left_and_right() -> None:
     chunk = validate_chunk(policy.infer(observation)["actions"], 2)
     assert chunk.shape == (3, 2, 8) and model.resets == 1
     np.testing.assert_allclose(chunk[:, :, :7], observation["qpos"][:, :7] + np.arange(3)[:, None, None] / 10)
-    np.testing.assert_allclose(chunk[..., 7], 1)  # as open as they are seen
-    (told,) = model.observed
-    np.testing.assert_array_equal(told["state"]["right_arm_joint_state"], observation["qpos"][1, :7])
-    seen = {name: each["color"] for name, each in told["vision"].items()}
+    np.testing.assert_allclose(chunk[..., 7], 1)  # as open as observed
+    (received,) = model.observed
+    np.testing.assert_array_equal(received["state"]["right_arm_joint_state"], observation["qpos"][1, :7])
+    seen = {name: each["color"] for name, each in received["vision"].items()}
     assert seen.keys() == {"cam_head", "cam_left_wrist", "cam_right_wrist"}
     np.testing.assert_array_equal(seen["cam_left_wrist"], observation["rgb_agent1"])
-    assert told["instruction"] == observation["language"]
+    assert received["instruction"] == observation["language"]
 
 
 def test_one_arm_has_no_side_and_three_have_no_names() -> None:
@@ -50,8 +50,8 @@ def test_one_arm_has_no_side_and_three_have_no_names() -> None:
     observation["qpos"][0, 7:] = 0  # closed
     chunk = validate_chunk(Adapter(model, arms=1).infer(observation)["actions"], 1)
     assert chunk.shape == (3, 1, 8) and (chunk[..., 7] == -1).all()
-    (told,) = model.observed
-    assert told["state"].keys() == {"arm_joint_state", "ee_joint_state"}
-    assert told["vision"].keys() == {"cam_wrist"}
+    (received,) = model.observed
+    assert received["state"].keys() == {"arm_joint_state", "ee_joint_state"}
+    assert received["vision"].keys() == {"cam_wrist"}
     with pytest.raises(ValueError, match="for one arm and for two; got 3"):
         Adapter(model, arms=3)

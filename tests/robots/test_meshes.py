@@ -1,4 +1,4 @@
-"""The light meshes: few triangles, the same robot, made once."""
+"""Simplified meshes: few triangles, the shape of the robot, created once."""
 
 import subprocess
 import sys
@@ -23,39 +23,39 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
 
 
 def test_an_arm_has_about_eight_thousand_triangles() -> None:
-    light = meshes.simplified_meshes(DEFAULT)
-    assert set(light) == set(DEFAULT.links)
-    assert 7_000 < sum(len(faces) for _, faces, _ in light.values()) < 9_000
-    for vertices, faces, colours in light.values():
+    simplified = meshes.simplified_meshes(DEFAULT)
+    assert set(simplified) == set(DEFAULT.links)
+    assert 7_000 < sum(len(faces) for _, faces, _ in simplified.values()) < 9_000
+    for vertices, faces, colours in simplified.values():
         assert faces.max() < len(vertices) == len(colours)
         assert colours.shape[1] == 3 and colours.min() >= 0 and colours.max() <= 1
 
 
 def test_every_link_keeps_its_shape_and_its_colours() -> None:
     folder = DEFAULT.urdf_path.parent / "franka_description/meshes/visual"
-    light = meshes.simplified_meshes(DEFAULT)
+    simplified = meshes.simplified_meshes(DEFAULT)
     for link in DEFAULT.links[:-2]:
         full = trimesh.load_scene(folder / f"{link.removeprefix('panda_')}.glb")
-        vertices = light[link][0]
+        vertices = simplified[link][0]
         box = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
         np.testing.assert_allclose(box, full.bounds, atol=2e-3, err_msg=link)
-    assert {tuple(np.round(colour, 1)) for colour in light["panda_link3"][2]} == {
+    assert {tuple(np.round(colour, 1)) for colour in simplified["panda_link3"][2]} == {
         (0.9, 0.9, 0.9),
         (0.1, 0.1, 0.1),
     }
 
 
-def test_the_fingers_face_one_another() -> None:
-    """The right finger's visual is turned in its link; in the frame of the link it must mirror the left."""
-    light = meshes.simplified_meshes(DEFAULT)
-    left, right = (light[f"panda_{side}finger"][0] for side in ("left", "right"))
+def test_the_fingers_face_each_other() -> None:
+    """The visual mesh of the right finger is rotated; in its link's frame it must mirror the left one."""
+    simplified = meshes.simplified_meshes(DEFAULT)
+    left, right = (simplified[f"panda_{side}finger"][0] for side in ("left", "right"))
     assert left[:, 1].max() == pytest.approx(-right[:, 1].min(), abs=1e-4)
 
 
-def test_collisions_and_excused_pairs_are_the_originals() -> None:
+def test_collision_meshes_and_the_srdf_are_the_original_ones() -> None:
     """Without the SRDF beside it, the simulator would let neighbouring links collide."""
-    light, source = meshes.simplified_urdf(DEFAULT), DEFAULT.urdf_path
-    assert light.with_suffix(".srdf").read_bytes() == source.with_suffix(".srdf").read_bytes()
+    simplified, source = meshes.simplified_urdf(DEFAULT), DEFAULT.urdf_path
+    assert simplified.with_suffix(".srdf").read_bytes() == source.with_suffix(".srdf").read_bytes()
 
     def collisions(path: Path) -> list[tuple]:
         return [
@@ -69,22 +69,23 @@ def test_collisions_and_excused_pairs_are_the_originals() -> None:
             for link in ElementTree.parse(path).iter("link")
         ]
 
-    assert collisions(light) == collisions(source)
+    assert collisions(simplified) == collisions(source)
 
 
 @pytest.mark.slow
-def test_meshes_are_made_once(empty_cache: Path) -> None:
+def test_meshes_are_created_once(empty_cache: Path) -> None:
     first = meshes.simplified_urdf(DEFAULT)
     assert first.is_relative_to(empty_cache)
-    written = {path: path.stat().st_mtime_ns for path in first.parent.iterdir()}
+    times = {path: path.stat().st_mtime_ns for path in first.parent.iterdir()}
     meshes.simplified_urdf.cache_clear()
     assert meshes.simplified_urdf(DEFAULT) == first
-    assert {path: path.stat().st_mtime_ns for path in first.parent.iterdir()} == written
-    assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]  # nothing left over
+    assert {path: path.stat().st_mtime_ns for path in first.parent.iterdir()} == times
+    # No temporary files are left.
+    assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]
 
 
 @pytest.mark.slow
-def test_processes_that_start_together_find_the_same_meshes(empty_cache: Path) -> None:
+def test_concurrent_processes_use_the_same_meshes(empty_cache: Path) -> None:
     code = (
         "from rf_exp.robots import DEFAULT, simplified_urdf; DEFAULT.meshes; print(simplified_urdf(DEFAULT))"
     )

@@ -1,4 +1,4 @@
-"""Kinematics against Pinocchio, and inverse against forward."""
+"""Forward kinematics against Pinocchio, and inverse against forward kinematics."""
 
 import numpy as np
 import pinocchio as pin
@@ -27,24 +27,24 @@ def test_vectorised_kinematics_equal_pinocchio():
         )
 
 
-def test_solve_puts_the_tcp_where_it_was_asked_for():
+def test_solutions_reach_the_requested_pose():
     arm = Arm(DEFAULT, planar(0.3, -0.75, np.pi / 2))
     rng = np.random.default_rng(1)
     solved = 0
     for q in random_qpos(rng, 100)[:, :7] * 0.9:
         goal = arm.tcp(q)
-        found = arm.solve(goal, q + rng.normal(0, 0.3, 7))
-        if found is None:
+        solution = arm.solve(goal, q + rng.normal(0, 0.3, 7))
+        if solution is None:
             continue
         solved += 1
-        assert np.linalg.norm(arm.tcp(found)[:3, 3] - goal[:3, 3]) < 2e-4
-        assert np.linalg.norm(pin.log3((inverse(arm.tcp(found)) @ goal)[:3, :3])) < 2e-4
+        assert np.linalg.norm(arm.tcp(solution)[:3, 3] - goal[:3, 3]) < 2e-4
+        assert np.linalg.norm(pin.log3((inverse(arm.tcp(solution)) @ goal)[:3, :3])) < 2e-4
         low, high = DEFAULT.limits_rad
-        assert (found > low).all() and (found < high).all()
+        assert (solution > low).all() and (solution < high).all()
     assert solved > 60
 
 
-def test_solve_says_none_where_no_arm_reaches():
+def test_solve_returns_none_out_of_reach():
     assert Arm(DEFAULT, np.eye(4)).solve(planar(2.0, 0.0, 0.0, 0.3), np.array(DEFAULT.rest_rad)) is None
 
 
@@ -55,6 +55,6 @@ def test_hulls_are_convex_and_of_the_size_of_a_link(link):
     assert 0.02 < hull.extents.max() < 0.4
 
 
-def test_neighbours_are_no_self_collision():
+def test_neighbouring_links_are_not_checked_for_self_collision():
     assert (0, 1) not in DEFAULT.self_pairs
     assert (2, DEFAULT.links.index("panda_hand")) in DEFAULT.self_pairs

@@ -1,4 +1,4 @@
-"""A small arm of six joints with a hand of two fingers, from a URDF that is written here."""
+"""A small arm with six joints and a two-finger gripper, from a URDF that is generated here."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from rf_exp.robots import Finger, Hand, Robot
 
-DOWN = np.pi  # what the second, third and fifth joints add up to when the tool points down
+DOWN = np.pi  # rad; sum of the second, third and fifth joints when the tool points down
 
 
 def _link(name: str, shape: str = "", z_m: float = 0.0, y_m: float = 0.0) -> str:
@@ -24,7 +24,7 @@ def _joint(name: str, kind: str, parent: str, child: str, z_m: float, axis: str,
     )
 
 
-TURNS = (  # height above the joint before it, axis, limits, shape of the link behind it and where that is
+JOINTS = (  # height above the previous joint, axis, limits, shape of the next link and its height
     (0.1, "0 0 1", (-2.9, 2.9), 'cylinder radius="0.05" length="0.16"', 0.08),
     (0.2, "0 1 0", (-1.9, 1.9), 'box size="0.07 0.07 0.36"', 0.2),
     (0.4, "0 1 0", (-2.7, 2.7), 'box size="0.06 0.06 0.16"', 0.1),
@@ -35,22 +35,22 @@ TURNS = (  # height above the joint before it, axis, limits, shape of the link b
 
 
 def urdf() -> str:
-    """The text; `base`, `link1` to `link6`, fingers `left` and `right`, and the frame `tcp`."""
+    """The URDF with `base`, `link1` to `link6`, fingers `left` and `right`, and the frame `tcp`."""
     parts = [_link("base", 'cylinder radius="0.06" length="0.1"', 0.05)]
-    before = "base"
-    for k, (z_m, axis, limits, shape, at_m) in enumerate(TURNS, start=1):
+    parent = "base"
+    for k, (z_m, axis, limits, shape, at_m) in enumerate(JOINTS, start=1):
         parts += [_link(f"link{k}", shape, at_m)]
-        parts += [_joint(f"turn{k}", "revolute", before, f"link{k}", z_m, axis, limits)]
-        before = f"link{k}"
+        parts += [_joint(f"turn{k}", "revolute", parent, f"link{k}", z_m, axis, limits)]
+        parent = f"link{k}"
     for side, sign in (("left", 1), ("right", -1)):
         parts += [_link(side, 'box size="0.02 0.01 0.08"', 0.05, 0.005 * sign)]
-        parts += [_joint(f"slide_{side}", "prismatic", before, side, 0.05, f"0 {sign} 0", (0.0, 0.04))]
-    parts += [_link("tcp"), _joint("fixed", "fixed", before, "tcp", 0.13, "0 0 1", (0, 0))]
+        parts += [_joint(f"slide_{side}", "prismatic", parent, side, 0.05, f"0 {sign} 0", (0.0, 0.04))]
+    parts += [_link("tcp"), _joint("fixed", "fixed", parent, "tcp", 0.13, "0 0 1", (0, 0))]
     return f'<robot name="toy">{"".join(parts)}</robot>'
 
 
 def toy(folder: Path, name: str = "toy") -> Robot:
-    """The robot, with its URDF in a folder."""
+    """The robot, with its URDF written to `folder`."""
     path = folder / f"{name}.urdf"
     path.write_text(urdf())
     return Robot(

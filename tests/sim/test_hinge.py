@@ -1,4 +1,4 @@
-"""A thing on a hinge in the simulator: it turns about its axis, between its stops, and in no other way."""
+"""A hinged object in the simulator only turns about its axis, between its stops."""
 
 from collections.abc import Iterator
 
@@ -29,29 +29,29 @@ def world(task: Task) -> Iterator[Simulator]:
         yield world
 
 
-def opened_deg(task: Task, world: Simulator, seconds: float, from_deg: float) -> list[float]:
-    """How far the lid is open in each control step after it was let go so far open."""
-    scene, found = world.reset(0), []
+def released_deg(task: Task, world: Simulator, seconds: float, from_deg: float) -> list[float]:
+    """The angle of the lid (deg) in each control step after its release at `from_deg`."""
+    scene, angles_deg = world.reset(0), []
     pose = task.hinged_poses("lid", scene.poses, np.deg2rad(from_deg))
     world._loaded.bodies["lid"].set_pose(sapien_pose(pose))
     for _ in range(round(seconds * CONTROL_HZ)):
         scene = world.step(world.command)
-        found.append(float(np.rad2deg(task.hinge_rad("lid", scene.poses))))
-    return found
+        angles_deg.append(float(np.rad2deg(task.hinge_rad("lid", scene.poses))))
+    return angles_deg
 
 
 @pytest.mark.slow
-def test_what_is_wide_open_stays_open_and_what_falls_is_shut_in_time(task: Task, world: Simulator) -> None:
+def test_a_wide_open_lid_stays_open_and_a_falling_lid_closes_in_time(task: Task, world: Simulator) -> None:
     hinge = task.asset("lid").hinge
     assert hinge is not None
-    stays = opened_deg(task, world, 1.0, hinge.open_deg)
-    assert np.ptp(stays) < 0.05 and stays[-1] == pytest.approx(hinge.open_deg, abs=0.05)
-    falls = opened_deg(task, world, hinge.falls_s, hinge.falls_deg)
-    assert abs(falls[-1]) < np.rad2deg(task.success["shut_rad"]) and min(falls) > -0.3
+    open_deg = released_deg(task, world, 1.0, hinge.open_deg)
+    assert np.ptp(open_deg) < 0.05 and open_deg[-1] == pytest.approx(hinge.open_deg, abs=0.05)
+    falling_deg = released_deg(task, world, hinge.falls_s, hinge.falls_deg)
+    assert abs(falling_deg[-1]) < np.rad2deg(task.success["shut_rad"]) and min(falling_deg) > -0.3
 
 
 @pytest.mark.slow
-def test_it_keeps_to_its_axis_however_it_is_pushed(task: Task, world: Simulator) -> None:
+def test_a_pushed_lid_stays_on_its_axis(task: Task, world: Simulator) -> None:
     start = world.reset(0)
     lid = world._loaded.bodies["lid"]
     body = lid.find_component_by_type(physx.PhysxRigidDynamicComponent)
@@ -62,7 +62,7 @@ def test_it_keeps_to_its_axis_however_it_is_pushed(task: Task, world: Simulator)
         world._loaded.physics.step()
         pose = lid.pose.to_transformation_matrix().astype(float)
         hinge_rad = task.hinge_rad("lid", {**start.poses, "lid": pose})
-        meant = task.hinged_poses("lid", start.poses, hinge_rad)
-        off = inverse(meant) @ pose
-        assert np.abs(off[:3, 3]).max() < OFF_AXIS_M
-        assert np.rad2deg(Rotation.from_matrix(off[:3, :3]).magnitude()) < OFF_AXIS_DEG
+        expected = task.hinged_poses("lid", start.poses, hinge_rad)
+        error = inverse(expected) @ pose
+        assert np.abs(error[:3, 3]).max() < OFF_AXIS_M
+        assert np.rad2deg(Rotation.from_matrix(error[:3, :3]).magnitude()) < OFF_AXIS_DEG

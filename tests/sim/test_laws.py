@@ -1,6 +1,6 @@
-"""Every task in conf/task is held to the laws of the suite, and each law is broken by some task.
+"""Every task in conf/task satisfies the laws of the suite, and each law is violated by some task.
 
-Beside them: the same seed gives the same bytes (test_simulator.py). Laws of pictures: test_cameras.py.
+Reproducible bytes are tested in test_simulator.py, laws of pictures in test_cameras.py.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,56 +27,56 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [law for law in LAWS if not law.pictures], ids=str)
-def test_a_law(simulator: Simulator, law: Law) -> None:
+def test_law(simulator: Simulator, law: Law) -> None:
     assert not list(law.violations(simulator)), law.sentence
 
 
 @pytest.mark.slow
-def test_things_weigh_what_they_should(task: Task) -> None:
-    usual = {name: task.asset(name).mass_kg for name in task.objects}
-    assert task.start(5).masses_kg == usual
+def test_masses_are_nominal_or_in_their_range(task: Task) -> None:
+    nominal_kg = {name: task.asset(name).mass_kg for name in task.objects}
+    assert task.start(5).masses_kg == nominal_kg
     heavy = replace(task, randomisation=replace(task.randomisation, mass_scale=1.0))
-    drawn = [heavy.start(seed) for seed in range(100)]
-    for name, least_kg in usual.items():
+    starts = [heavy.start(seed) for seed in range(100)]
+    for name, least_kg in nominal_kg.items():
         masses_kg, most_kg = (
-            [start.masses_kg[name] for start in drawn],
+            [start.masses_kg[name] for start in starts],
             task.asset(name).heaviest_kg or least_kg,
         )
         assert least_kg <= min(masses_kg) <= max(masses_kg) <= most_kg
         assert most_kg == least_kg or max(masses_kg) - min(masses_kg) > 0.9 * (most_kg - least_kg)
-    assert np.array_equal(drawn[5].qpos, task.start(5).qpos)  # weights change nothing else
+    assert np.array_equal(starts[5].qpos, task.start(5).qpos)  # masses change nothing else
 
 
-# Each law is broken by some task
+# Tasks that violate a law
 
 
-def always_the_same(task: Task) -> Task:
+def without_variation(task: Task) -> Task:
     return replace(task, randomisation=replace(task.randomisation, init_qpos_std_rad=0.0))
 
 
-def sunk(task: Task) -> Task:
+def object_in_table(task: Task) -> Task:
     return replace(task, objects={"steak": replace(task.objects["steak"], z_m=-0.01)})
 
 
-def dropped(task: Task) -> Task:
+def object_in_air(task: Task) -> Task:
     return replace(task, objects={"steak": replace(task.objects["steak"], z_m=0.05)})
 
 
-def beside_the_hand(task: Task) -> Task:
+def gripper_at_object(task: Task) -> Task:
     low = RobotSpec(-0.615, 0.0, 0.0, rest_rad=(0.0, 0.6, 0.0, -2.0, 0.0, 2.6, 0.785))
     return replace(task, robots=(low,))
 
 
-def lenient(task: Task) -> Task:
-    """Whose criteria ask for next to nothing."""
+def lenient_success(task: Task) -> Task:
+    """With criteria that nearly any scene satisfies."""
     return replace(task, success={**task.success, "lift_m": -1.0, "paper_height_m": -1.0})
 
 
-def twice_the_same_view(task: Task) -> Task:
+def duplicate_view(task: Task) -> Task:
     return replace(task, cameras={**task.cameras, "agent1": task.cameras["global"]})
 
 
-def looking_away(task: Task) -> Task:
+def cameras_facing_away(task: Task) -> Task:
     away = CameraSpec((0.0, 0.0, 2.0), (5.0, 5.0, 2.0))
     return replace(task, cameras={"global": away, "agent1": replace(away, eye_m=(1.0, 0.0, 2.0))})
 
@@ -84,41 +84,47 @@ def looking_away(task: Task) -> Task:
 @pytest.mark.slow
 @pytest.mark.render
 @pytest.mark.parametrize(
-    ("law", "change", "said"),
+    ("law", "change", "message"),
     [
-        (laws.starts_differ, always_the_same, "posture of agent 1: 1 of 100"),
-        (laws.nothing_stands_in_anything, sunk, "mm in the table"),
-        (laws.nothing_stands_in_anything, beside_the_hand, "from steak"),
-        (laws.nothing_moves_by_itself, dropped, "steak moves at"),
-        (laws.nothing_has_succeeded_at_the_start, lenient, "is a success already"),
-        (laws.random_actions_never_succeed, lenient, "random actions succeed"),
-        (laws.every_view_is_its_own, twice_the_same_view, "global and agent1 see the same"),
-        (laws.everything_is_seen_at_the_start, looking_away, "global sees 0 px of steak"),
-        (laws.agents_see_their_work, looking_away, "agent 1 sees 0 px of its gripper and 0 px of steak"),
+        (laws.starts_differ, without_variation, "posture of agent 1: 1 of 100"),
+        (laws.nothing_stands_in_anything, object_in_table, "mm in the table"),
+        (laws.nothing_stands_in_anything, gripper_at_object, "from steak"),
+        (laws.nothing_moves_by_itself, object_in_air, "steak moves at"),
+        (laws.nothing_has_succeeded_at_the_start, lenient_success, "is a success already"),
+        (laws.random_actions_never_succeed, lenient_success, "random actions succeed"),
+        (laws.every_view_is_its_own, duplicate_view, "global and agent1 see the same"),
+        (laws.everything_is_seen_at_the_start, cameras_facing_away, "global sees 0 px of steak"),
+        (
+            laws.agents_see_their_work,
+            cameras_facing_away,
+            "agent 1 sees 0 px of its gripper and 0 px of steak",
+        ),
     ],
 )
-def test_a_task_that_breaks_a_law(
-    law: Callable[[Simulator], Iterator[str]], change: Callable[[Task], Task], said: str
+def test_a_task_that_violates_a_law_is_reported(
+    law: Callable[[Simulator], Iterator[str]], change: Callable[[Task], Task], message: str
 ) -> None:
     with Simulator(change(read_task("pick_meat"))) as world:
-        assert any(said in each for each in law(world)), list(law(world))
+        assert any(message in each for each in law(world)), list(law(world))
 
 
 @pytest.mark.slow
-def test_things_that_may_fly_to_success_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_success_by_thrown_objects_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     task = read_task("pick_meat")
-    judged = SimpleNamespace(success=True, success_paper=True)
-    monkeypatch.setattr(laws, "SuccessEvaluator", lambda *_: lambda scene: judged)
+    verdict = SimpleNamespace(success=True, success_paper=True)
+    monkeypatch.setattr(laws, "SuccessEvaluator", lambda *_: lambda scene: verdict)
     with Simulator(task, render=False) as world:
         assert "steak flung at (0.0, 0.0, 2.5) m/s: a success at step 0" in list(
             laws.flung_things_never_succeed(world)
         )
 
 
-def test_a_plan_of_what_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plan_with_unknown_points_and_agents_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     task = read_task("pick_meat")
-    wrong = Subgoal(1, "grasp", "steak", "handle"), Subgoal(2, "grasp", "steak", "center")
-    monkeypatch.setattr(task.module, "plan", lambda scene, task: Proposal(wrong, ()))
+    subgoals = Subgoal(1, "grasp", "steak", "handle"), Subgoal(2, "grasp", "steak", "center")
+    monkeypatch.setattr(task.module, "plan", lambda scene, task: Proposal(subgoals, ()))
     with Simulator(task, render=False) as world:
-        found = list(laws.plans_name_what_exists(world))
-    assert found[0].endswith("there is no point handle") and found[1].endswith("there is no agent 2")
+        violations = list(laws.plans_name_what_exists(world))
+    assert violations[0].endswith("there is no point handle") and violations[1].endswith(
+        "there is no agent 2"
+    )

@@ -1,4 +1,4 @@
-"""What lies on something lies there: the physics engine makes up no contact."""
+"""Stacked objects rest: the physics engine reports no spurious contacts."""
 
 import numpy as np
 import pytest
@@ -31,8 +31,8 @@ def body(scene: sapien.Scene, name: str) -> sapien.Entity:
     [("pot", "lid", lid.SEAT_Z_M), ("cube", "cube", 0.04)],
     ids=["lid on pot", "cube on cube"],
 )
-def test_no_contact_is_deeper_than_things_lie(lower: str, upper: str, height_m: float) -> None:
-    """Where edges of two shapes lie at one height, PhysX may give contacts 10 cm deep, and throws them."""
+def test_contacts_of_stacked_objects_are_shallow(lower: str, upper: str, height_m: float) -> None:
+    """With edges of two shapes at one height, PhysX may report contacts 10 cm deep and throw the objects."""
     physx.set_shape_config(contact_offset=CONTACT_OFFSET_M, rest_offset=0)
     system = physx.PhysxCpuSystem()
     scene = sapien.Scene([system])
@@ -42,9 +42,9 @@ def test_no_contact_is_deeper_than_things_lie(lower: str, upper: str, height_m: 
     for _ in range(PLACEMENTS):
         x_m, y_m = rng.uniform(-0.2, 0.2, 2)
         dx_m, dy_m = rng.uniform(-1e-3, 1e-3, 2)
-        turns_rad = rng.uniform(0, 2 * np.pi, 2)
-        below.set_pose(sapien_pose(planar(x_m, y_m, turns_rad[0])))
-        above.set_pose(sapien_pose(planar(x_m + dx_m, y_m + dy_m, turns_rad[1], height_m)))
+        yaws_rad = rng.uniform(0, 2 * np.pi, 2)
+        below.set_pose(sapien_pose(planar(x_m, y_m, yaws_rad[0])))
+        above.set_pose(sapien_pose(planar(x_m + dx_m, y_m + dy_m, yaws_rad[1], height_m)))
         system.step()
         deepest_m = min([deepest_m, *(p.separation for c in system.get_contacts() for p in c.points)])
     assert -DEEPEST_M < deepest_m < 0

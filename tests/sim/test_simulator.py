@@ -1,4 +1,4 @@
-"""Laws of the simulation for every task, without pictures."""
+"""Properties of the simulation for every task, without pictures."""
 
 import hashlib
 import json
@@ -23,7 +23,7 @@ TWO_SECONDS = 40
 
 
 def random_walk(simulator: Simulator, seed: int, steps: int = 30) -> Scene:
-    """Arms that reach down at random, into the objects; the same for the same seed."""
+    """Arms that move down at random into the objects, reproducibly for a seed."""
     rng = np.random.default_rng(seed)
     simulator.reset(seed)
     action = simulator.command
@@ -35,7 +35,7 @@ def random_walk(simulator: Simulator, seed: int, steps: int = 30) -> Scene:
 
 
 def digest(simulator: Simulator, scene: Scene) -> str:
-    """sha256 of everything measured, and of the pictures where there are any."""
+    """SHA-256 of the measured state, and of the pictures if there are any."""
     sha = hashlib.sha256()
     for array in (scene.qpos, scene.qvel, *scene.poses.values()):
         sha.update(np.ascontiguousarray(array).tobytes())
@@ -45,14 +45,14 @@ def digest(simulator: Simulator, scene: Scene) -> str:
     return sha.hexdigest()
 
 
-def digest_elsewhere(task: Task, seed: int, *, render: bool) -> str:
-    """The same digest, made by another process."""
-    return digests_elsewhere(seed, render)[task.name]
+def digest_in_other_process(task: Task, seed: int, *, render: bool) -> str:
+    """The same digest, computed in another process."""
+    return digests_in_other_process(seed, render)[task.name]
 
 
 @cache
-def digests_elsewhere(seed: int, render: bool) -> dict[str, str]:
-    """Those of all tasks, made by a process that goes through them in the opposite order."""
+def digests_in_other_process(seed: int, render: bool) -> dict[str, str]:
+    """Digests of all tasks, computed in a process that handles them in the opposite order."""
     code = (
         "import json\n"
         "from tests.conftest import TASKS, read_task\n"
@@ -70,13 +70,13 @@ def digests_elsewhere(seed: int, render: bool) -> dict[str, str]:
 
 
 def worst_overlap_m(simulator: Simulator) -> float:
-    """How deep any two bodies overlap, as PhysX sees it right now."""
+    """The deepest overlap of any two bodies in the current contacts of PhysX."""
     contacts = simulator._loaded.physics.get_contacts()
     return max((-point.separation for contact in contacts for point in contact.points), default=0.0)
 
 
 @pytest.mark.slow
-def test_a_start_is_at_rest_and_nothing_moves_while_the_arms_hold(task: Task) -> None:
+def test_a_start_is_at_rest_and_stays_so_while_the_arms_hold(task: Task) -> None:
     with Simulator(task, render=False) as simulator:
         for seed in range(3):
             start = simulator.reset(seed)
@@ -100,18 +100,18 @@ def test_the_same_seed_gives_the_same_bytes_whatever_ran_before(task: Task) -> N
         first = digest(simulator, random_walk(simulator, 5))
         other = digest(simulator, random_walk(simulator, 6))
         again = digest(simulator, random_walk(simulator, 5))
-    assert first == again == digest_elsewhere(task, 5, render=False)
+    assert first == again == digest_in_other_process(task, 5, render=False)
     assert first != other
 
 
-def test_the_walk_of_the_test_above_touches_the_objects(lift_barrier: Task) -> None:
+def test_the_random_walk_touches_the_objects(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as simulator:
         start = simulator.reset(5)
         scene = random_walk(simulator, 5)
     assert np.abs(scene.poses["barrier"] - start.poses["barrier"]).max() > 1e-3
 
 
-def test_targets_do_the_same_as_maniskills_own_controller(lift_barrier: Task) -> None:
+def test_commands_equal_those_of_maniskills_controller(lift_barrier: Task) -> None:
     rng = np.random.default_rng(0)
     with Simulator(lift_barrier, render=False) as simulator, Simulator(lift_barrier, render=False) as other:
         simulator.reset(3)
@@ -122,29 +122,31 @@ def test_targets_do_the_same_as_maniskills_own_controller(lift_barrier: Task) ->
             scene = simulator.step(action)
             keys = [f"{arm.uid}-{i}" for i, arm in enumerate(other._env.arms)]
             other._env.step({key: row.astype(np.float32) for key, row in zip(keys, action, strict=True)})
-        theirs = np.stack([robot.qpos for robot in other._loaded.robots])
-    np.testing.assert_allclose(scene.qpos, theirs, atol=1e-5)
+        expected = np.stack([robot.qpos for robot in other._loaded.robots])
+    np.testing.assert_allclose(scene.qpos, expected, atol=1e-5)
 
 
-def reach(simulator: Simulator, scene: Scene, above_m: float, *, agents: tuple[int, ...] = (1, 2)) -> NDArray:
-    """The action that puts grippers above the end of the barrier that is nearer to each arm."""
+def action_above(
+    simulator: Simulator, scene: Scene, above_m: float, *, agents: tuple[int, ...] = (1, 2)
+) -> NDArray:
+    """The action that moves each gripper above the nearer end of the barrier."""
     action = simulator.command
     points = simulator.task.asset("barrier").points.values()
     for agent in agents:
         arm = Arm(DEFAULT, simulator.task.robots[agent - 1].world_from_base)
-        grips = [scene.poses["barrier"] @ point.object_from_tcp for point in points]
-        grip = min(grips, key=lambda pose: np.linalg.norm(pose[:3, 3] - arm.world_from_base[:3, 3]))
+        grasps = [scene.poses["barrier"] @ point.object_from_tcp for point in points]
+        grasp = min(grasps, key=lambda pose: np.linalg.norm(pose[:3, 3] - arm.world_from_base[:3, 3]))
         solutions = [
-            arm.solve(grip @ turn @ transform((0, 0, -above_m)), action[agent - 1, :7])
-            for turn in (np.diag([1.0, 1, 1, 1]), np.diag([-1.0, -1, 1, 1]))
+            arm.solve(grasp @ rotation @ transform((0, 0, -above_m)), action[agent - 1, :7])
+            for rotation in (np.diag([1.0, 1, 1, 1]), np.diag([-1.0, -1, 1, 1]))
         ]
         reachable = [qpos for qpos in solutions if qpos is not None]
         action[agent - 1, :7] = min(reachable, key=lambda qpos: np.abs(qpos - action[agent - 1, :7]).max())
     return action
 
 
-def go(simulator: Simulator, action: NDArray, steps: int = 25) -> Scene:
-    """Move the targets in a straight line in joint space, then wait a little."""
+def move_to(simulator: Simulator, action: NDArray, steps: int = 25) -> Scene:
+    """Moves the targets along a line in joint space, then waits for 6 steps."""
     start = simulator.command
     for fraction in [*np.linspace(0, 1, steps), *[1.0] * 6]:
         scene = simulator.step(start + fraction * (action - start))
@@ -154,43 +156,43 @@ def go(simulator: Simulator, action: NDArray, steps: int = 25) -> Scene:
 def test_two_arms_grasp_the_barrier_and_lift_it_level(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as simulator:
         start = simulator.reset(1)
-        scene = go(simulator, reach(simulator, start, 0.08))
-        scene = go(simulator, reach(simulator, start, 0.0))
+        scene = move_to(simulator, action_above(simulator, start, 0.08))
+        scene = move_to(simulator, action_above(simulator, start, 0.0))
         assert scene.held == (None, None)  # the fingers are around it, but open
         closed = simulator.command
         closed[:, 7] = GRIPPER_CLOSED
-        scene = go(simulator, closed, 8)
+        scene = move_to(simulator, closed, 8)
         assert scene.held == ("barrier", "barrier")
-        scene = go(simulator, reach(simulator, start, 0.20), 40)
+        scene = move_to(simulator, action_above(simulator, start, 0.20), 40)
         assert scene.held == ("barrier", "barrier")
         assert 0.18 < scene.poses["barrier"][2, 3] < 0.22
         assert abs(scene.poses["barrier"][2, 0]) < np.sin(np.deg2rad(2))
         released = simulator.command
         released[0, 7] = 1.0
-        assert go(simulator, released, 4).held == (None, "barrier")
+        assert move_to(simulator, released, 4).held == (None, "barrier")
 
 
-def test_fingers_closed_on_air_hold_nothing(lift_barrier: Task) -> None:
+def test_a_gripper_closed_on_air_holds_nothing(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as simulator:
         simulator.reset(0)
         closed = simulator.command
         closed[:, 7] = GRIPPER_CLOSED
-        assert go(simulator, closed, 8).held == (None, None)
+        assert move_to(simulator, closed, 8).held == (None, None)
 
 
 def test_arms_that_meet_are_reported_with_a_force(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as simulator:
         start = simulator.reset(0)
-        both = reach(simulator, start, 0.25)
-        one = simulator.command
+        above = action_above(simulator, start, 0.25)
+        action = simulator.command
         for row, agent in enumerate((1, 2)):
             arm = Arm(DEFAULT, lift_barrier.robots[row].world_from_base)
-            pose = arm.tcp(both[row, :7])
-            pose[:2, 3] = 0.0  # both hands at the same place
-            qpos = arm.solve(pose, both[row, :7])
+            pose = arm.tcp(above[row, :7])
+            pose[:2, 3] = 0.0  # both grippers at the same place
+            qpos = arm.solve(pose, above[row, :7])
             assert qpos is not None, agent
-            one[row, :7] = qpos
-        hits = [simulator.step(one).arm_contacts for _ in range(40)]
+            action[row, :7] = qpos
+        hits = [simulator.step(action).arm_contacts for _ in range(40)]
     forces = [force for contacts in hits for a, b, force in contacts if (a, b) == (1, 2)]
     assert forces and max(forces) > 1.0
 
@@ -206,22 +208,22 @@ def test_any_number_of_arms(lift_barrier: Task, count: int) -> None:
     with Simulator(task, render=False) as simulator:
         start = simulator.reset(0)
         assert start.qpos.shape == (count, 9) and simulator.command.shape == (count, 8)
-        moved = simulator.command
-        moved[-1, 0] += 0.2
-        scene = go(simulator, moved)
+        action = simulator.command
+        action[-1, 0] += 0.2
+        scene = move_to(simulator, action)
     change = np.abs(scene.qpos - start.qpos)[:, 0]
     assert change[-1] == pytest.approx(0.2, abs=2e-3)
     assert not (change[:-1] > 1e-3).any()
 
 
 @pytest.mark.parametrize(
-    ("action", "found"),
+    ("action", "message"),
     [(np.zeros((2, 7)), "action of shape (2, 7)"), (np.full((2, 8), np.nan), "values that are not finite")],
 )
-def test_an_action_that_cannot_be_applied_is_refused(lift_barrier: Task, action: NDArray, found: str) -> None:
+def test_an_invalid_action_is_refused(lift_barrier: Task, action: NDArray, message: str) -> None:
     with Simulator(lift_barrier, render=False) as simulator, pytest.raises(ArgumentError) as error:
         simulator.step(action)
-    assert found in str(error.value)
+    assert message in str(error.value)
     assert "expected finite numbers of shape (2, 8): joint targets in rad, gripper" in str(error.value)
 
 

@@ -1,4 +1,4 @@
-"""Procedural textures: pure, without seams, in two sets that have no palette and no pattern in common."""
+"""Procedural textures: deterministic, seamless, in two sets without a common palette or pattern."""
 
 from itertools import product
 from typing import get_args
@@ -10,41 +10,39 @@ from rf_exp.sim.textures import BRIGHTNESS, PALETTES, PATTERNS, REPEATS, SIZE_PX
 from rf_exp.types import Texture, TextureKind, TextureSet
 
 KINDS, SETS = get_args(TextureKind), get_args(TextureSet)
-EVERY = pytest.mark.parametrize(("kind", "of"), list(product(KINDS, SETS)))
+ALL_TEXTURES = pytest.mark.parametrize(("kind", "texture_set"), list(product(KINDS, SETS)))
 SEEDS = range(6)
-APART = 15  # levels of 255, at least, in some channel
-DARKEST, LIGHTEST = (
-    50,
-    205,
-)  # means, of 255: lamps of half and of one and a half their brightness leave something
+MIN_DIFFERENCE = 15  # minimum difference in some channel, of 255
+# Range of the mean, of 255: visible with lamps of 0.5 and 1.5 times their brightness.
+DARKEST, LIGHTEST = 50, 205
 
 
-def drawn(kind: TextureKind, of: TextureSet, seed: int) -> np.ndarray:
-    return draw(kind, of, np.random.default_rng(seed))
+def texture_pixels(kind: TextureKind, texture_set: TextureSet, seed: int) -> np.ndarray:
+    return draw(kind, texture_set, np.random.default_rng(seed))
 
 
-@EVERY
-def test_the_same_random_numbers_give_the_same_bytes(kind: TextureKind, of: TextureSet) -> None:
-    first = drawn(kind, of, 0)
+@ALL_TEXTURES
+def test_the_same_random_numbers_give_the_same_bytes(kind: TextureKind, texture_set: TextureSet) -> None:
+    first = texture_pixels(kind, texture_set, 0)
     assert first.shape == (SIZE_PX, SIZE_PX, 3) and first.dtype == np.uint8
-    np.testing.assert_array_equal(first, drawn(kind, of, 0))
-    np.testing.assert_array_equal(first, pixels(Texture(kind, of, 0, 0.5)))
-    assert len({drawn(kind, of, seed).tobytes() for seed in SEEDS}) == len(SEEDS)
+    np.testing.assert_array_equal(first, texture_pixels(kind, texture_set, 0))
+    np.testing.assert_array_equal(first, pixels(Texture(kind, texture_set, 0, 0.5)))
+    assert len({texture_pixels(kind, texture_set, seed).tobytes() for seed in SEEDS}) == len(SEEDS)
 
 
-@EVERY
-def test_a_texture_is_neither_dark_nor_glaring_and_shows_a_pattern(kind: TextureKind, of: TextureSet) -> None:
+@ALL_TEXTURES
+def test_a_texture_has_medium_brightness_and_a_pattern(kind: TextureKind, texture_set: TextureSet) -> None:
     for seed in SEEDS:
-        texture = drawn(kind, of, seed)
+        texture = texture_pixels(kind, texture_set, seed)
         assert DARKEST < texture.mean() < LIGHTEST
         assert 5 < texture.mean(axis=-1).std() < 60
 
 
-@EVERY
-def test_a_texture_goes_on_where_it_begins_anew(kind: TextureKind, of: TextureSet) -> None:
-    """The last row and column are no farther from the first than neighbours somewhere within are."""
+@ALL_TEXTURES
+def test_a_texture_has_no_seams(kind: TextureKind, texture_set: TextureSet) -> None:
+    """Across the seam, pixels differ no more than neighbours inside the texture."""
     for seed in SEEDS:
-        texture = drawn(kind, of, seed).astype(float)
+        texture = texture_pixels(kind, texture_set, seed).astype(float)
         for axis in (0, 1):
             steps = np.abs(np.diff(texture, axis=axis)).mean(axis=(1 - axis, 2))
             seam = np.abs(np.take(texture, 0, axis) - np.take(texture, -1, axis)).mean()
@@ -53,21 +51,23 @@ def test_a_texture_goes_on_where_it_begins_anew(kind: TextureKind, of: TextureSe
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_palette_of_a_kind_is_in_both_sets(kind: TextureKind) -> None:
-    """However bright: what a texture draws for itself does not take one to the other."""
-    widest = (1 + BRIGHTNESS) / (1 - BRIGHTNESS)
-    factors = np.linspace(1 / widest, widest, 41)[:, None]
+    """At any brightness: the random brightness of a texture does not turn one palette into another."""
+    ratio = (1 + BRIGHTNESS) / (1 - BRIGHTNESS)
+    factors = np.linspace(1 / ratio, ratio, 41)[:, None]
     for seen, unseen in product(PALETTES["seen"][kind], PALETTES["unseen"][kind]):
-        one, other = (np.array([*bytes.fromhex(each)], float) for each in (seen, unseen))  # (6,)
-        apart = np.abs(factors * one - other).max(axis=1).min()
-        assert apart > APART, f"{kind}: {seen} and {unseen} are alike"
+        first, second = (np.array([*bytes.fromhex(each)], float) for each in (seen, unseen))  # (6,)
+        difference = np.abs(factors * first - second).max(axis=1).min()
+        assert difference > MIN_DIFFERENCE, f"{kind}: {seen} and {unseen} are alike"
 
 
-def test_no_pattern_repeats_as_often_in_both_sets() -> None:
+def test_patterns_repeat_differently_in_both_sets() -> None:
     assert not set(REPEATS["seen"]) & set(REPEATS["unseen"])
-    assert set(PATTERNS) == set(KINDS) and all(set(PALETTES[of]) == set(KINDS) for of in SETS)
+    assert set(PATTERNS) == set(KINDS) and all(
+        set(PALETTES[texture_set]) == set(KINDS) for texture_set in SETS
+    )
 
 
-def test_pixels_of_a_texture_are_made_once_and_nobody_changes_them() -> None:
+def test_pixels_of_a_texture_are_cached_and_read_only() -> None:
     texture = Texture("tile", "seen", 3, 0.4)
     assert pixels(texture) is pixels(Texture("tile", "seen", 3, 0.4))
     with pytest.raises(ValueError, match="read-only"):

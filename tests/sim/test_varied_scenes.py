@@ -1,4 +1,4 @@
-"""Clutter and objects of other sizes in simulation: they are bodies, they rest, and being touched is seen."""
+"""Clutter and objects of other sizes in simulation: they are bodies, rest, and report contacts."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,18 +16,18 @@ from tests.conftest import read_task
 SEED = 3
 
 
-def varied(name: str, how: str, **changes) -> Task:
-    return replace(read_task(name), variation=replace(read_variation(how), **changes))
+def task_with(name: str, variation: str, **changes) -> Task:
+    return replace(read_task(name), variation=replace(read_variation(variation), **changes))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("of", ["seen", "unseen"])
-def test_clutter_rests_where_it_was_put(of: str) -> None:
-    usual = varied("pick_meat", "clutter", clutter=(10, 10), clutter_set=of)
-    with Simulator(usual, render=False) as world:
+@pytest.mark.parametrize("clutter_set", ["seen", "unseen"])
+def test_clutter_rests_at_its_initial_pose(clutter_set: str) -> None:
+    varied_task = task_with("pick_meat", "clutter", clutter=(10, 10), clutter_set=clutter_set)
+    with Simulator(varied_task, render=False) as world:
         for seed in range(3):
             first = world.reset(seed)
-            assert {*first.clutter} == {*world.task.clutter} == {*usual.in_scene(seed).clutter}
+            assert {*first.clutter} == {*world.task.clutter} == {*varied_task.in_scene(seed).clutter}
             for name, pose in first.clutter.items():
                 np.testing.assert_allclose(pose, world.task.clutter[name].world_from_object, atol=1e-6)
             for _ in range(20):
@@ -38,24 +38,23 @@ def test_clutter_rests_where_it_was_put(of: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_simulator_has_objects_of_the_sizes_of_its_scene(task: Task) -> None:
-    usual = replace(task, variation=read_variation("instances"))
-    with Simulator(usual, render=False) as world:
+def test_simulated_objects_have_the_sizes_of_their_scene(task: Task) -> None:
+    varied_task = replace(task, variation=read_variation("instances"))
+    with Simulator(varied_task, render=False) as world:
         for seed in (SEED, SEED + 1):
             first = world.reset(seed)
             for _ in range(4):
                 scene = world.step(world.command)
-            for name in task.objects:  # they lie on what bears them from the first step on
+            for name in task.objects:  # they rest on their support from the first step on
                 np.testing.assert_allclose(scene.poses[name], first.poses[name], atol=2e-3)
                 if not (asset := world.task.asset(name)).static and asset.hulls:
                     mass_kg = world._env.actors[name].mass[0].item()
-                    assert mass_kg == pytest.approx(
-                        world._env.start.masses_kg[name], rel=0.02
-                    )  # of hulls as PhysX rounds them
+                    # PhysX rounds the hulls.
+                    assert mass_kg == pytest.approx(world._env.start.masses_kg[name], rel=0.02)
 
 
 def pushing_clutter(world: Simulator, steps: int = 40):
-    """Scenes of an arm that swings into a piece of clutter beside it."""
+    """Scenes of an arm that moves into clutter beside it."""
     world.step(world.command)
     for _ in range(steps):
         command = world.command
@@ -64,14 +63,14 @@ def pushing_clutter(world: Simulator, steps: int = 40):
 
 
 @pytest.mark.slow
-def test_touching_clutter_is_seen_and_told() -> None:
-    usual = varied("pick_meat", "clutter", clutter=(10, 10))
-    with Simulator(usual, render=False) as world:
+def test_contacts_with_clutter_are_reported() -> None:
+    varied_task = task_with("pick_meat", "clutter", clutter=(10, 10))
+    with Simulator(varied_task, render=False) as world:
         ledger = Ledger()
         for seed in range(8):
-            judge = SuccessEvaluator(world.task, scene := world.reset(seed))
+            evaluator = SuccessEvaluator(world.task, scene := world.reset(seed))
             for scene in pushing_clutter(world):
-                ledger.record(scene, judge(scene))
+                ledger.record(scene, evaluator(scene))
             if scene.clutter_contacts:
                 break
         contacts = ledger.account(False).clutter_contacts
@@ -81,23 +80,23 @@ def test_touching_clutter_is_seen_and_told() -> None:
 
 
 @pytest.mark.render
-def test_clutter_is_seen_and_is_no_object() -> None:
-    with Simulator(varied("pick_meat", "clutter", clutter=(10, 10)), width_px=96, height_px=72) as world:
+def test_clutter_is_visible_and_not_labelled_as_an_object() -> None:
+    with Simulator(task_with("pick_meat", "clutter", clutter=(10, 10)), width_px=96, height_px=72) as world:
         world.reset(SEED)
-        seen, bodies = world.segmentation(["global"]), world.bodies()
+        segmentation, bodies = world.segmentation(["global"]), world.bodies()
         pieces = [number for name in world.task.clutter for number in bodies[name]]
-        drawn = np.isin(seen["global"], pieces)
-        assert drawn.sum() > 50
-        assert (label_images(world.task, seen, bodies)["global"][drawn] == 1).all()
+        is_clutter = np.isin(segmentation["global"], pieces)
+        assert is_clutter.sum() > 50
+        assert (label_images(world.task, segmentation, bodies)["global"][is_clutter] == 1).all()
 
 
 @pytest.mark.slow
-def test_an_expert_among_clutter_stores_objects_alone() -> None:
-    usual = varied("pick_meat", "clutter")
-    settings = Settings.configured(usual, ConstraintSet("full"), ScriptedSpec())
-    with Simulator(usual, render=False) as world:
+def test_episodes_with_clutter_store_only_poses_of_objects() -> None:
+    varied_task = task_with("pick_meat", "clutter")
+    settings = Settings.configured(varied_task, ConstraintSet("full"), ScriptedSpec())
+    with Simulator(varied_task, render=False) as world:
         outcome = EpisodeGenerator(settings, world, settings.make_brain(SEED)).make(SEED)
     assert outcome.success and outcome.episode is not None, outcome.reason
-    assert {*outcome.episode.poses} == {*usual.objects}
+    assert {*outcome.episode.poses} == {*varied_task.objects}
     drawn: Any = outcome.episode.certificate["drawn"]
-    assert {*drawn["clutter"]} == {*usual.in_scene(SEED).clutter}
+    assert {*drawn["clutter"]} == {*varied_task.in_scene(SEED).clutter}

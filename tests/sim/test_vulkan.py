@@ -1,4 +1,4 @@
-"""Which Vulkan driver is chosen, on file trees laid out like real machines, and the picture itself."""
+"""Choice of the Vulkan driver, on file trees of typical machines, and a rendered picture."""
 
 import json
 import os
@@ -16,7 +16,7 @@ NOWHERE = "/nonexistent/driver.json"
 
 
 def machine(root: Path, *files: str) -> Path:
-    """A root folder with those (empty) files."""
+    """A root folder with these empty files."""
     for name in files:
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).touch()
@@ -38,10 +38,10 @@ def test_a_machine_without_gpu_takes_the_software_driver(tmp_path: Path) -> None
     assert driver.description == f"software, {root / LAVAPIPE}"
 
 
-def test_the_manifest_may_carry_the_architecture_in_its_name(tmp_path: Path) -> None:
-    ours = f"usr/share/vulkan/icd.d/lvp_icd.{platform.machine()}.json"
-    root = machine(tmp_path, "usr/share/vulkan/icd.d/lvp_icd.i686.json", ours)
-    assert vulkan.software_manifest(root) == root / ours
+def test_the_name_of_the_manifest_may_contain_the_architecture(tmp_path: Path) -> None:
+    expected = f"usr/share/vulkan/icd.d/lvp_icd.{platform.machine()}.json"
+    root = machine(tmp_path, "usr/share/vulkan/icd.d/lvp_icd.i686.json", expected)
+    assert vulkan.software_manifest(root) == root / expected
 
 
 @pytest.mark.parametrize(
@@ -65,13 +65,13 @@ def test_an_nvidia_gpu_that_only_computes_takes_the_software_driver(tmp_path: Pa
     assert vulkan.find_driver({}, root).manifest == root / LAVAPIPE
 
 
-def test_a_bare_machine_has_none(tmp_path: Path) -> None:
+def test_a_bare_machine_has_no_driver(tmp_path: Path) -> None:
     driver = vulkan.find_driver({}, tmp_path)
     assert driver.description == "none found: no GPU with a Vulkan driver, no Mesa software driver"
     assert driver.manifest is None
 
 
-def test_selecting_names_the_driver_to_the_loader(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_selecting_sets_the_variable_of_the_loader(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VK_DRIVER_FILES", "")
     monkeypatch.delenv("VK_ICD_FILENAMES", raising=False)
     expected = vulkan.find_driver({})
@@ -79,13 +79,13 @@ def test_selecting_names_the_driver_to_the_loader(monkeypatch: pytest.MonkeyPatc
     assert vulkan.os.environ["VK_DRIVER_FILES"] == str(expected.manifest or "")
 
 
-def test_selecting_twice_says_the_same(tmp_path: Path) -> None:
+def test_selecting_twice_gives_the_same_driver(tmp_path: Path) -> None:
     root = machine(tmp_path, LAVAPIPE)
     first = vulkan.find_driver({}, root)
     assert vulkan.find_driver({"VK_DRIVER_FILES": str(first.manifest)}, root) == first
 
 
-def test_the_software_driver_may_be_named_in_spite_of_a_gpu(tmp_path: Path) -> None:
+def test_the_software_driver_may_be_chosen_despite_a_gpu(tmp_path: Path) -> None:
     root = machine(tmp_path, LAVAPIPE, "dev/nvidiactl", NVIDIA)
     driver = vulkan.find_driver({"VK_DRIVER_FILES": str(root / LAVAPIPE)}, root)
     assert driver.description == f"software, {root / LAVAPIPE}"
@@ -97,7 +97,7 @@ def test_selecting_leaves_the_users_choice_alone(monkeypatch: pytest.MonkeyPatch
     assert vulkan.os.environ["VK_DRIVER_FILES"] == NOWHERE
 
 
-def test_the_probe_says_why_there_is_no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_probe_gives_the_reason_for_a_missing_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
     probe = vulkan.render_probe()
     assert not probe.ok
@@ -105,8 +105,8 @@ def test_the_probe_says_why_there_is_no_picture(monkeypatch: pytest.MonkeyPatch)
     assert probe.remedy == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
 
 
-def test_a_driver_that_cannot_be_loaded_is_no_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SAPIEN says so, or crashes: which of the two differs from one environment to the next."""
+def test_a_driver_that_cannot_be_loaded_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SAPIEN raises an error or crashes, depending on the environment."""
     manifest = {
         "file_format_version": "1.0.0",
         "ICD": {"library_path": "/nowhere.so", "api_version": "1.3.0"},
@@ -119,7 +119,7 @@ def test_a_driver_that_cannot_be_loaded_is_no_device(tmp_path: Path, monkeypatch
     )
 
 
-def test_rendering_without_a_device_stops_with_the_command_that_fixes_it(
+def test_rendering_without_a_device_is_refused_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
@@ -134,13 +134,13 @@ def test_rendering_without_a_device_stops_with_the_command_that_fixes_it(
 
 
 def test_a_driver_that_ends_the_process_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "sapien.py").write_text("import os\nos.abort()\n")  # imported by the child instead
+    (tmp_path / "sapien.py").write_text("import os\nos.abort()\n")  # imported instead by the child process
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     probe = vulkan.render_probe()
     assert probe.reason == "the driver ended the process with SIGABRT"
 
 
-def test_a_driver_that_ended_the_process_once_is_asked_again(
+def test_a_driver_that_ended_the_process_once_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "sapien.py").write_text(
@@ -177,7 +177,7 @@ def test_the_remedy_is_a_command(driver: vulkan.Driver, remedy: str) -> None:
 
 
 @pytest.mark.render
-def test_a_picture_is_really_drawn() -> None:
+def test_a_picture_is_rendered() -> None:
     probe = vulkan.render_probe()
     assert probe.ok, probe.reason
     assert probe.device

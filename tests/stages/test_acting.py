@@ -1,4 +1,4 @@
-"""For how long whoever acts may: one rule, of the task alone."""
+"""The step limit of rollouts: that of the task alone."""
 
 import pytest
 
@@ -10,17 +10,19 @@ FOREIGN = ("stages=[evaluate]", "foreign.name=mine", "foreign.factory=examples.f
 
 
 @pytest.mark.slow
-def test_a_scene_is_as_long_as_its_task_says_for_every_recipe_and_row_of_constraints() -> None:
+def test_the_step_limit_is_that_of_the_task_for_every_recipe_and_row() -> None:
     for recipe in RECIPES.values():
-        asked = experiment("task=place_food", "constraints=all", f"policy={recipe}")
-        (task,), (arch,) = asked.tasks, asked.archs
-        limits = {policies_of(Cell(asked, task, row, arch)).step_limit for row in asked.constraint_sets}
+        configured = experiment("task=place_food", "constraints=all", f"policy={recipe}")
+        (task,), (arch,) = configured.tasks, configured.archs
+        limits = {
+            policies_of(Cell(configured, task, row, arch)).step_limit for row in configured.constraint_sets
+        }
         assert limits == {task.step_limit}, recipe
 
 
 @pytest.mark.parametrize(("more", "limit"), [((), None), (("foreign.step_limit=7",), 7)])
-def test_and_for_anybodys_policy_unless_it_is_said_otherwise(
+def test_foreign_policies_have_it_too_unless_configured_otherwise(
     more: tuple[str, ...], limit: int | None
 ) -> None:
-    asked = experiment("task=place_food", *FOREIGN, *more)
-    assert policies_of(cell_of(asked)).step_limit == (limit or asked.tasks[0].step_limit)
+    configured = experiment("task=place_food", *FOREIGN, *more)
+    assert policies_of(cell_of(configured)).step_limit == (limit or configured.tasks[0].step_limit)

@@ -1,4 +1,4 @@
-"""Other arms from the expert to a store, and what is made of it: exports, environments, a library's cell."""
+"""Other robots throughout: expert, store, exports, environments, cells of the library, policies."""
 
 import json
 import subprocess
@@ -33,21 +33,21 @@ def task_named(name: str) -> Task:
     return task
 
 
-def carried_out(task: Task) -> Outcome:
+def outcome_of(task: Task) -> Outcome:
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     with Simulator(task, render=False) as world:
         return EpisodeGenerator(settings, world, settings.make_brain(0)).make(0)
 
 
 @pytest.mark.parametrize("name", ["pick_meat-xarm7", "lift_barrier-xarm7"])
-def test_the_expert_does_it_at_the_first_attempt_without_a_contact(name: str) -> None:
-    outcome = carried_out(task_named(name))
+def test_the_expert_succeeds_at_the_first_attempt_without_a_contact(name: str) -> None:
+    outcome = outcome_of(task_named(name))
     assert outcome.success and outcome.attempts == 1 and outcome.contacts == 0, outcome.reason
 
 
-def test_the_ur5_does_it_too() -> None:
+def test_the_expert_succeeds_with_the_ur5_too() -> None:
     pytest.importorskip("collada", reason="rf_exp[ur5] is not installed")
-    outcome = carried_out(task_named("pick_meat-ur5"))
+    outcome = outcome_of(task_named("pick_meat-ur5"))
     assert outcome.success and outcome.contacts == 0 and outcome.episode is not None, outcome.reason
     assert outcome.episode.qpos.shape[1:] == (1, 8) and outcome.episode.action.shape[1:] == (1, 7)
 
@@ -56,7 +56,7 @@ def test_the_ur5_does_it_too() -> None:
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """One episode of a Panda and an xArm7."""
     task = task_named(NAME)
-    outcome = carried_out(task)
+    outcome = outcome_of(task)
     assert outcome.success and outcome.contacts == 0 and outcome.episode is not None, outcome.reason
     path = tmp_path_factory.mktemp("arms") / "s.zarr"
     robots = [robot.model for robot in task.robots]
@@ -78,8 +78,8 @@ def test_exports_have_the_rows_and_the_names_of_each(store: Store, tmp_path: Pat
         assert sorted(actions) == ["panda-0", "xarm7-1"]  # pyright: ignore[reportArgumentType]
         np.testing.assert_array_equal(actions["xarm7-1"][:], store.action[:, 1])  # pyright: ignore
     export(store.path, tmp_path / "lerobot", "lerobot")
-    told = json.loads((tmp_path / "lerobot/meta/info.json").read_text())
-    assert told["robot_type"] == "1x_franka_panda_1x_xarm7"
+    info = json.loads((tmp_path / "lerobot/meta/info.json").read_text())
+    assert info["robot_type"] == "1x_franka_panda_1x_xarm7"
     export(store.path, tmp_path / "lightning", "policy_lightning")
     with h5py.File(next((tmp_path / "lightning").glob("*.h*5"))) as file:
         np.testing.assert_array_equal(file["action_1"][:], store.action[:, 1])  # pyright: ignore
@@ -104,7 +104,7 @@ def test_a_scene_of_maniskill_with_it_is_a_cell_of_the_library() -> None:
         assert [robot.model for robot in cell.task.robots] == [XARM7]
 
 
-def test_policies_of_another_arm_are_learned_and_act(tmp_path: Path) -> None:
+def test_policies_of_another_arm_are_trained_and_evaluated(tmp_path: Path) -> None:
     """The six joints of the UR5 where it is installed, otherwise the xArm7."""
     robot = "ur5" if find_spec("collada") else "xarm7"
     chosen = "task=pick_meat", f"robot={robot}", "policy=state", "policy.head.refined.regression_steps=2"

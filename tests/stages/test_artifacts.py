@@ -1,4 +1,4 @@
-"""Artifacts know what they were made of, and the message about another says what really helps."""
+"""Artifacts record their configuration; the error for another one names all files to delete."""
 
 import re
 import shutil
@@ -30,7 +30,7 @@ def made(folder: Path, configuration: dict[str, object]) -> Path:
         (None, "that says what it was made of is not"),
     ],
 )
-def test_all_that_has_to_go_is_named(tmp_path: Path, content: str | None, message: str) -> None:
+def test_all_files_to_delete_are_named(tmp_path: Path, content: str | None, message: str) -> None:
     artifact, record = made(tmp_path, {"a": 1}), tmp_path / "full.configuration.json"
     with artifact_lock(artifact, {"a": 1}):
         pass
@@ -45,8 +45,8 @@ def test_all_that_has_to_go_is_named(tmp_path: Path, content: str | None, messag
     )
 
 
-def test_a_record_without_its_artifact_is_of_nothing(tmp_path: Path) -> None:
-    """Left by a kill before the first row, or when somebody has deleted the rows."""
+def test_a_record_without_its_artifact_is_replaced(tmp_path: Path) -> None:
+    """It is left by a kill before the first row, or after somebody has deleted the rows."""
     (tmp_path / "full.configuration.json").write_text("")
     artifact = made(tmp_path, {"a": 1})
     artifact.unlink()
@@ -54,7 +54,7 @@ def test_a_record_without_its_artifact_is_of_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_deleting_what_is_named_helps(command, tmp_path: Path) -> None:
+def test_deleting_the_named_files_helps(command, tmp_path: Path) -> None:
     assert command(*ARGUMENTS, f"out={tmp_path}").returncode == 0
     changed = (*ARGUMENTS, "limits.velocity_rad_s=0.5", f"out={tmp_path}")
     result = command(*changed)
@@ -69,20 +69,27 @@ def test_deleting_what_is_named_helps(command, tmp_path: Path) -> None:
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_demonstrations_with_more_cameras_will_do(command, tmp_path: Path) -> None:
-    """What has the pictures of all cameras also serves who asks for some of them, and not the other way."""
-    seen = ("task=pick_meat", "stages=[generate]", "demos=1", "recordings=0", "workers=1", "wandb=disabled")
-    seen += ("picture={width: 32, height: 24}",)
+def test_demonstrations_with_more_cameras_are_reused(command, tmp_path: Path) -> None:
+    """A store with pictures of all cameras serves requests for some of them, and not vice versa."""
+    arguments = (
+        "task=pick_meat",
+        "stages=[generate]",
+        "demos=1",
+        "recordings=0",
+        "workers=1",
+        "wandb=disabled",
+    )
+    arguments += ("picture={width: 32, height: 24}",)
     for folder, first in (("some", "local"), ("whole", "all")):
-        assert command(*seen, f"cameras={first}", f"out={tmp_path / folder}").returncode == 0
+        assert command(*arguments, f"cameras={first}", f"out={tmp_path / folder}").returncode == 0
     some, whole = (tmp_path / name / "data/pick_meat/full/fast.zarr" for name in ("some", "whole"))
     assert set(Store.open(some).cameras) == {"agent1"}
     assert set(Store.open(whole).cameras) == {"global", "agent1"}
-    again = command(*seen, "demos=2", "cameras=local", f"out={tmp_path / 'whole'}")
+    again = command(*arguments, "demos=2", "cameras=local", f"out={tmp_path / 'whole'}")
     assert again.returncode == 0
     with Store.open(whole) as store:
         assert len(store) == 2 and store.images["global"].shape[0] == store.steps
-    refused = command(*seen, "cameras=all", f"out={tmp_path / 'some'}")
+    refused = command(*arguments, "cameras=all", f"out={tmp_path / 'some'}")
     assert refused.returncode == 1 and "cameras" in refused.stderr
 
 

@@ -1,4 +1,4 @@
-"""What a data card and the summary say of a store: every value of them, as generation leaves it."""
+"""Data card and summary of a store after generation: every value."""
 
 import json
 import sys
@@ -20,10 +20,10 @@ from rf_exp.store import Store, facts
 from rf_exp.tasks import Task
 from tests.conftest import cell_of, experiment
 
-ASKED = experiment("constraints=all")
+CONFIGURED = experiment("constraints=all")
 
 
-def told(card: str) -> dict[str, str]:
+def card_values(card: str) -> dict[str, str]:
     """The rows of the card's table."""
     rows = (line.strip("|").split("|") for line in card.splitlines() if line.startswith("| "))
     return {name.strip(): value.strip() for name, value in rows}
@@ -38,23 +38,23 @@ def unmarked(values: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_no_value_of_a_new_store_is_empty(lift_barrier: Task, tmp_path: Path) -> None:
-    for row in ASKED.constraint_sets:
-        with _store(Cell(replace(ASKED, out=tmp_path), lift_barrier, row)) as store:
-            said = facts(store)
-        assert all(str(value) for value in said.values()), said
-        assert said["constraints"] == row.name
+    for row in CONFIGURED.constraint_sets:
+        with _store(Cell(replace(CONFIGURED, out=tmp_path), lift_barrier, row)) as store:
+            values = facts(store)
+        assert all(str(value) for value in values.values()), values
+        assert values["constraints"] == row.name
 
 
 @pytest.mark.slow
 def test_every_value_is_what_the_store_holds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = experiment(
+    configured = experiment(
         *("task=pick_meat", "constraints=logical_temporal", "stages=[generate]", "episodes=1"),
         *("render=false", "recordings=0", "wandb=disabled", f"out={tmp_path}"),
     )
-    task, path = asked.tasks[0], cell_of(asked).data_path
-    generate_data(cell_of(asked))
+    task, path = configured.tasks[0], cell_of(configured).data_path
+    generate_data(cell_of(configured))
     store, card = Store.open(path), unescape(path.with_suffix(".md").read_text())
     wanted = {
         "task": "pick_meat",
@@ -73,14 +73,14 @@ def test_every_value_is_what_the_store_holds(
         "disturbed": "yes: executed differs from action",
     }
     assert unmarked(facts(store)) == wanted
-    rows = unmarked(told(card))
+    rows = unmarked(card_values(card))
     assert rows.pop("what") == "value" and rows.pop("---") == "---"
     assert rows == {name: str(value) for name, value in wanted.items()}
     capsys.readouterr()
     monkeypatch.setattr(sys, "argv", ["rf_exp.data", "summary", str(path), "--json"])
     assert run_guarded(main) == 0
-    said = json.loads(capsys.readouterr().out)[str(path)]
-    assert said.pop("MiB") > 0 and unmarked(said) == wanted
+    summary = json.loads(capsys.readouterr().out)[str(path)]
+    assert summary.pop("MiB") > 0 and unmarked(summary) == wanted
     success = [
         line.removeprefix("- ") for line in card.split("## Success")[1].splitlines() if line[:2] == "- "
     ]

@@ -1,4 +1,4 @@
-"""Correction: every rollout counts, what is stored is the expert's, and a second time nothing is done."""
+"""Correction: every rollout counts, steps of the expert are stored, and finished rounds are not repeated."""
 
 import shutil
 from pathlib import Path
@@ -28,14 +28,14 @@ def corrected(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("corrected")
 
 
-def test_the_expert_goes_on_where_policies_fail(command, corrected: Path) -> None:
+def test_the_expert_takes_over_where_policies_fail(command, corrected: Path) -> None:
     result = command(*ARGUMENTS, ROUNDS, "stages=[generate,train,evaluate]", f"out={corrected}")
     assert result.returncode == 0, result.stderr
     queries = 0
     for rounds in (1, 2):
         made = read_rows(corrected / ROWS.format(rounds), GenerationRow)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
-        assert [row.seed for row in made] == [first]  # hardly trained, they lose it
+        assert [row.seed for row in made] == [first]  # hardly trained, the policies fail in it
         assert all(row.success and row.attempts for row in made)
         queries += sum(row.attempts for row in made)
         store = Store.open(corrected / DATA.format(rounds))
@@ -49,7 +49,7 @@ def test_the_expert_goes_on_where_policies_fail(command, corrected: Path) -> Non
     assert (row.recipe, row.queries, row.demos) == ("fast+dagger2", queries, 2)
 
 
-def test_what_is_there_is_not_made_again_and_what_is_lost_is(command, corrected: Path) -> None:
+def test_existing_rounds_are_not_repeated_and_lost_ones_are(command, corrected: Path) -> None:
     arguments = (*ARGUMENTS, "dagger={rounds: 1, rollouts: 1}", "stages=[train]", f"out={corrected}")
     again = command(*arguments)
     assert again.returncode == 0 and "correction 1: 1 demonstrations are there, nothing to do" in again.stdout

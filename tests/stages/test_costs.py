@@ -1,4 +1,4 @@
-"""What is told before long work begins: hours of what is missing, from measured costs."""
+"""The estimate before a long run: hours of the missing work, from measured costs."""
 
 from pathlib import Path
 
@@ -15,13 +15,13 @@ def fast(out: Path, *overrides: str) -> Experiment:
     return experiment("recipe=fast", f"out={out}", *overrides)
 
 
-def minutes(said: str) -> float:
-    number, unit = said.removeprefix("about ").split()[:2]
+def minutes(estimate: str) -> float:
+    number, unit = estimate.removeprefix("about ").split()[:2]
     return float(number) * (60 if unit == "h" else 1)
 
 
 @pytest.mark.slow
-def test_the_published_table_is_foretold(tmp_path: Path) -> None:
+def test_the_time_of_the_published_table_is_estimated(tmp_path: Path) -> None:
     laptop = "profile=laptop", "task=all"
     one, two = (estimated_time(fast(tmp_path, *laptop, f"workers={n}")) for n in (1, 2))
     assert minutes(one) == pytest.approx(2 * minutes(two), rel=0.1)
@@ -31,36 +31,36 @@ def test_the_published_table_is_foretold(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_there_is_not_foretold(tmp_path: Path) -> None:
-    asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1"
-    whole = fast(tmp_path, *asked)
+def test_finished_work_is_not_counted(tmp_path: Path) -> None:
+    overrides = "profile=laptop", "task=two_robots_stack_cube", "workers=1"
+    whole = fast(tmp_path, *overrides)
     path = cell_of(whole).evaluation_path
-    before = minutes(estimated_time(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
+    before = minutes(estimated_time(fast(tmp_path, *overrides, "stages=[evaluate]", "scenes=1000")))
     for row in evaluation("two_robots_stack_cube", "separate_local", 150, 100, 0, recipe="fast"):
         append_row(path, row)
-    after = minutes(estimated_time(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
+    after = minutes(estimated_time(fast(tmp_path, *overrides, "stages=[evaluate]", "scenes=1000")))
     assert after == pytest.approx(0.9 * before, abs=1.1)
 
 
-def test_rounds_of_correction_are_foretold(tmp_path: Path) -> None:
-    asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1", "stages=[train]"
-    one, three = (minutes(estimated_time(fast(tmp_path, *asked, f"dagger.rounds={n}"))) for n in (0, 2))
+def test_rounds_of_correction_are_counted(tmp_path: Path) -> None:
+    overrides = "profile=laptop", "task=two_robots_stack_cube", "workers=1", "stages=[train]"
+    one, three = (minutes(estimated_time(fast(tmp_path, *overrides, f"dagger.rounds={n}"))) for n in (0, 2))
     assert three > 3 * one
 
 
 @pytest.mark.parametrize("overrides", [("profile=paper", "recipe=paper"), ("stages=[report]",)])
-def test_nothing_is_said_where_nobody_has_measured_or_nothing_is_left(
+def test_there_is_no_estimate_without_measured_costs_or_missing_work(
     tmp_path: Path, overrides: tuple[str, ...]
 ) -> None:
     assert estimated_time(fast(tmp_path, *overrides)) == ""
 
 
 @pytest.mark.slow
-def test_what_nobody_has_measured_is_named(tmp_path: Path) -> None:
-    asked = "profile=laptop", "workers=1"
-    said = estimated_time(fast(tmp_path, *asked, "task=all"))
-    assert said.endswith(
+def test_tasks_of_unknown_cost_are_named(tmp_path: Path) -> None:
+    overrides = "profile=laptop", "workers=1"
+    estimate = estimated_time(fast(tmp_path, *overrides, "task=all"))
+    assert estimate.endswith(
         "without tasks of unknown cost: four_robots_stack_cube, place_cube_in_cup, strike_cube_hard, "
         "three_robots_place_shoes"
     )
-    assert estimated_time(fast(tmp_path, *asked, "task=place_cube_in_cup")) == ""
+    assert estimated_time(fast(tmp_path, *overrides, "task=place_cube_in_cup")) == ""

@@ -1,4 +1,4 @@
-"""What makes data and evaluations others, and what does not: content and versions, not words."""
+"""What changes the identity of data and evaluations: content and versions, not descriptions."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +22,7 @@ def steak(*overrides: str) -> Experiment:
 
 
 def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Of generation and of evaluation."""
+    """The identities of generation and of evaluation."""
     cell = cell_of(steak(*overrides))
     return cell.generation_identity, cell.evaluation_identity(100)
 
@@ -39,14 +39,14 @@ def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
         ("task.pick_meat.robots=[{x_m: -0.61, y_m: 0.0, yaw_deg: 0}]", "scene.robots"),
     ],
 )
-def test_the_scene_decides_both(override: str, key: str) -> None:
+def test_the_scene_changes_both_identities(override: str, key: str) -> None:
     for found, wanted in zip(identities(), identities(override), strict=True):
         (difference,) = find_differences(found, wanted)
         assert difference.startswith(f"{key}: found ")
 
 
 @pytest.mark.slow
-def test_what_decides_evaluation_alone() -> None:
+def test_keys_that_change_evaluation_alone() -> None:
     for override, key in (
         ("demos=7", "demos"),
         ("picture.width=64", "pictures"),
@@ -72,11 +72,11 @@ def test_what_decides_evaluation_alone() -> None:
         "training.device=cpu",
     ],
 )
-def test_what_decides_nothing_stays_out(override: str) -> None:
+def test_keys_that_change_nothing_are_left_out(override: str) -> None:
     assert identities() == identities(override)
 
 
-def test_words_decide_what_a_model_answers() -> None:
+def test_descriptions_count_for_language_models() -> None:
     found, wanted = (
         identities("brain=openai", "brain.model=m", f"task.pick_meat.description={text}")[0]
         for text in ("one", "two")
@@ -84,36 +84,38 @@ def test_words_decide_what_a_model_answers() -> None:
     assert [line.split(":")[0] for line in find_differences(found, wanted)] == ["told"]
 
 
-def test_pictures_decide_where_they_are_looked_at() -> None:
+def test_picture_sizes_count_where_occupancy_uses_depth() -> None:
     for width in (64, 128):
-        seen = identities("occupancy=depth", f"picture.width={width}")[0]["seen"]
-        assert seen["width"] == width
+        pictures = identities("occupancy=depth", f"picture.width={width}")[0]["seen"]
+        assert pictures["width"] == width
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("constant", "key"), [("VERSION", "criteria"), ("PLAN_VERSION", "plan")])
-def test_versions_of_a_task_decide(monkeypatch: pytest.MonkeyPatch, constant: str, key: str) -> None:
+def test_versions_of_a_task_change_the_identities(
+    monkeypatch: pytest.MonkeyPatch, constant: str, key: str
+) -> None:
     before = identities()
     monkeypatch.setattr(pick_meat, constant, "99")
     for found, wanted in zip(before, identities(), strict=True):
         assert f'scene.{key}: found "1", wanted "99"' in find_differences(found, wanted)
 
 
-def test_the_version_of_the_generator_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_version_of_the_generator_changes_the_identity(monkeypatch: pytest.MonkeyPatch) -> None:
     (before, _) = identities()
     monkeypatch.setattr("rf_exp.datagen.version.GENERATOR", "99")
     assert [line.split(":")[0] for line in find_differences(before, identities()[0])] == ["generator"]
 
 
-def test_objects_in_another_order_are_drawn_otherwise() -> None:
+def test_another_order_of_objects_changes_the_identity() -> None:
     task = steak("task=place_food").tasks[0]
     turned = replace(task, objects=dict(reversed(list(task.objects.items()))))
     assert [line.split(":")[0] for line in find_differences(task.identity, turned.identity)] == ["order"]
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Callable[..., str]:
-    """Writes an asset of a user's own and says what a task with it has for its identity."""
+def asset_identity(tmp_path: Path) -> Callable[..., str]:
+    """Writes a custom asset and returns its identity in a task that uses it."""
 
     def write(size_m: float = 0.04, mass_kg: float = 0.1, comment: str = "a cube", name: str = "cube") -> str:
         assets._load.cache_clear()  # as in the next process
@@ -127,15 +129,15 @@ def own(tmp_path: Path) -> Callable[..., str]:
 
 
 @pytest.mark.slow
-def test_an_edited_asset_or_mesh_decides(own: Callable[..., str]) -> None:
-    before = own()
-    assert own() == before
-    assert own(comment="the same cube") == before
-    assert own(mass_kg=0.2) != before
-    assert own(size_m=0.041) != before
+def test_an_edited_asset_or_mesh_changes_the_identity(asset_identity: Callable[..., str]) -> None:
+    before = asset_identity()
+    assert asset_identity() == before
+    assert asset_identity(comment="the same cube") == before
+    assert asset_identity(mass_kg=0.2) != before
+    assert asset_identity(size_m=0.041) != before
 
 
-def test_every_part_of_an_asset_is_content() -> None:
+def test_every_part_of_an_asset_but_its_name_is_in_its_digest() -> None:
     cube = assets.load("cube")
     part, (name, point) = cube.parts[0], next(iter(cube.points.items()))
     others = [
@@ -151,8 +153,8 @@ def test_every_part_of_an_asset_is_content() -> None:
 
 
 @pytest.mark.slow
-def test_all_recipes_share_an_output_folder() -> None:
-    """Whatever has one place is made of the same, by whichever recipe: a sweep over them runs to its end."""
+def test_all_recipes_can_share_an_output_folder() -> None:
+    """Artifacts at one path have one identity, whatever the recipe, so a sweep over recipes completes."""
     found: dict[Path, dict[str, Any]] = {}
     for recipe, choice in RECIPES.items():
         made = experiment("task=pick_meat", f"policy={choice}", f"recipe={recipe}")

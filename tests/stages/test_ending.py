@@ -1,4 +1,4 @@
-"""What stands at the end of a run: how often policies succeeded, a film, and a command to go on with."""
+"""The end of the output of a run: success rates of policies, a film, and the next command."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,23 +9,23 @@ from tests.ablation.conftest import evaluation
 from tests.conftest import cell_of, experiment
 
 
-def test_success_is_told_with_its_interval_and_a_film_of_one(tmp_path: Path) -> None:
-    one = replace(experiment("demos=50", "scenes=4"), out=tmp_path)
-    assert [*success_lines(one)] == []
-    cell = cell_of(one)
+def test_success_is_shown_with_its_interval_and_one_film(tmp_path: Path) -> None:
+    configured = replace(experiment("demos=50", "scenes=4"), out=tmp_path)
+    assert [*success_lines(configured)] == []
+    cell = cell_of(configured)
     rows = evaluation("lift_barrier", "separate_local", 50, 3, 1, recipe="test", version=cell.task.version)
     for row in rows:
         append_row(cell.evaluation_path, row)
     place = "lift_barrier/full/separate_local"
-    told = f"{place}: 3 of 4 scenes succeeded (95 % interval 30 to 95 %)"
-    assert [*success_lines(one)] == [told]
+    line = f"{place}: 3 of 4 scenes succeeded (95 % interval 30 to 95 %)"
+    assert [*success_lines(configured)] == [line]
     films = {row.success: tmp_path / rollout_file(row, FILM) for row in rows}
     films[True].parent.mkdir(parents=True)
     films[False].touch()
-    assert [*success_lines(one)] == [told, f"film: {films[False]}"]
+    assert [*success_lines(configured)] == [line, f"film: {films[False]}"]
     films[True].touch()
-    assert [*success_lines(one)] == [told, f"film: {films[True]}"]
-    assert [*success_lines(replace(one, first_scene=3_000_000))] == []
+    assert [*success_lines(configured)] == [line, f"film: {films[True]}"]
+    assert [*success_lines(replace(configured, first_scene=3_000_000))] == []
 
 
 def test_the_next_task_is_named_and_after_several_the_benchmark() -> None:

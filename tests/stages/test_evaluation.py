@@ -1,4 +1,4 @@
-"""Evaluation knows what its rows were made of, and is never reused after a change of it."""
+"""Evaluation records the provenance of its rows, which are never reused after a change of it."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ ARGUMENTS += (
     "policy.encoder.keypoints.steps=2",
     "policy.head.refined.regression_steps=2",
     "training.batch_size=8",
-    "task.pick_meat.step_limit=40",  # hardly trained, it would go on to the end of it
+    "task.pick_meat.step_limit=40",  # the hardly trained policy needs all of it
 )
 ROWS, POLICY = (
     "results/evaluate/pick_meat/separate_local/full-fast-2.jsonl",
@@ -39,7 +39,7 @@ def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "-m",
         "rf_exp.run",
         *ARGUMENTS,
-        "episodes=2",  # both succeed, and no process is ended because it has begun a third one
+        "episodes=2",  # both succeed, and no process is ended that has started a third one
         "stages=[generate,train,evaluate]",
         f"out={out}",
     ]
@@ -57,14 +57,14 @@ def evaluate(command, out: Path):
     return lambda *arguments: command(*ARGUMENTS, "stages=[evaluate]", *arguments, f"out={out}")
 
 
-def test_the_same_is_reused_and_says_how_it_went(evaluate, out: Path) -> None:
+def test_the_same_evaluation_is_reused_and_its_row_is_complete(evaluate, out: Path) -> None:
     result = evaluate("task.pick_meat.description=Something", "training.device=cpu")
     assert result.returncode == 0 and "nothing to do" in result.stdout
     (row,) = read_rows(out / ROWS, EvaluationRow)
     assert (row.success, row.reason != "", row.commit) == (False, True, commit())
 
 
-def test_final_scenes_stand_beside_the_others(evaluate, out: Path) -> None:
+def test_rows_of_final_scenes_are_added_to_the_others(evaluate, out: Path) -> None:
     result = evaluate("first_scene=3000000")
     assert result.returncode == 0 and "1/1 scenes" in result.stdout
     assert [row.scene_seed for row in read_rows(out / ROWS, EvaluationRow)] == [1_000_000, 3_000_000]
@@ -94,14 +94,14 @@ def test_another_scene_is_refused(evaluate, out: Path, override: str, key: str) 
         ("policy.horizon=16", "policy.horizon: found 32, wanted 16"),
     ],
 )
-def test_a_policy_that_was_trained_otherwise_is_refused(evaluate, override: str, key: str) -> None:
+def test_a_policy_of_another_training_is_refused(evaluate, override: str, key: str) -> None:
     result = evaluate(override)
     assert result.returncode == 1
     assert "was made from another configuration" in result.stderr and key in result.stderr
 
 
-def test_a_policy_that_acts_otherwise_has_rows_of_its_own(evaluate) -> None:
-    """It is the same policy, but its rollouts are others."""
+def test_other_acting_values_are_refused(evaluate) -> None:
+    """The policy is the same, but its rollouts differ."""
     result = evaluate("policy.head.diffusion.inference_steps=3")
     assert result.returncode == 1 and "was made from another configuration" in result.stderr
     assert "policy.head.diffusion.inference_steps: found 4, wanted 3" in result.stderr
@@ -109,25 +109,25 @@ def test_a_policy_that_acts_otherwise_has_rows_of_its_own(evaluate) -> None:
 
 def test_other_weights_are_refused(evaluate, out: Path) -> None:
     (model,) = (out / POLICY).rglob(MODEL)
-    tensors, said = read_tensors(model)
+    tensors, metadata = read_tensors(model)
     name = next(name for name, value in tensors.items() if value.is_floating_point())
     tensors[name] += 1
-    write_tensors(model, tensors, said)
+    write_tensors(model, tensors, metadata)
     result = evaluate()
     assert result.returncode == 1 and "weights.agent1: found" in result.stderr
 
 
 def test_other_data_is_refused(evaluate, out: Path) -> None:
     (config,) = (out / POLICY).rglob(CONFIG)
-    said = json.loads(config.read_text())
-    said["data"]["seeds"] = [0, 2]
-    config.write_text(json.dumps(said))
+    values = json.loads(config.read_text())
+    values["data"]["seeds"] = [0, 2]
+    config.write_text(json.dumps(values))
     result = evaluate()
     assert result.returncode == 1 and "data.seeds: found [0, 1], wanted [0, 2]" in result.stderr
 
 
 def test_another_step_limit_is_refused(evaluate) -> None:
-    """The task has it."""
+    """It is a key of the task."""
     result = evaluate("task.pick_meat.step_limit=150")
     assert result.returncode == 1 and "step_limit: found 40, wanted 150" in result.stderr
 

@@ -1,4 +1,4 @@
-"""Generation: each seed a row, whatever is killed when, and what the rows say."""
+"""Generation: one row per seed, whenever it is killed, and the content of the rows."""
 
 import json
 import signal
@@ -25,7 +25,7 @@ FULL = ConstraintSet("full")
 
 
 class Answers(ScriptedBrain):
-    """Says what it was told to say, then what the script says."""
+    """Brain that gives fixed answers first, then those of the script."""
 
     def __init__(self, *first: str) -> None:
         self.first = list(first)
@@ -35,7 +35,7 @@ class Answers(ScriptedBrain):
 
 
 class Rejections(NullObserver):
-    """Counts violations where they happen."""
+    """Observer that counts rejections as they happen."""
 
     count = 0
 
@@ -45,7 +45,7 @@ class Rejections(NullObserver):
 
 @pytest.mark.slow
 def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
-    """The loop itself counts: repaired, given up within the budget, and at the end of it."""
+    """As counted in the loop: repaired, given up within the budget, and at its end."""
     bad, nothing = "no json", json.dumps({"Subgoals": {}})
     cases = [
         ((), True, 0),
@@ -57,11 +57,11 @@ def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
     ]
     with Simulator(lift_barrier, render=False) as world:
         for answers, success, expected in cases:
-            seen = Rejections()
+            rejections = Rejections()
             settings = Settings.configured(lift_barrier, FULL, ScriptedSpec(), attempts=3)
-            outcome = EpisodeGenerator(settings, world, Answers(*answers), seen).make(0)
+            outcome = EpisodeGenerator(settings, world, Answers(*answers), rejections).make(0)
             row = generation_row(settings, outcome)
-            assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)
+            assert (row.success, row.violations) == (success, expected) == (outcome.success, rejections.count)
             assert (row.contacts, row.generator) == (outcome.contacts, generator_version(lift_barrier))
 
 
@@ -93,28 +93,28 @@ def run_and_kill(where: str, *arguments: str) -> None:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two seeds, made without being disturbed."""
+    """Two seeds, generated without interruption."""
     out = tmp_path_factory.mktemp("whole")
     command = [sys.executable, "-m", "rf_exp.run", *ARGUMENTS, "recordings=0", "episodes=2", f"out={out}"]
     subprocess.run(command, check=True, capture_output=True, timeout=300)
     return out
 
 
-def told(out: Path) -> list[GenerationRow]:
+def untimed_rows(out: Path) -> list[GenerationRow]:
     return [replace(row, wall_s=0.0) for row in read_rows(out / ROWS, GenerationRow)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("goal", ["episodes=2", "demos=2"])
 def test_a_kill_between_episode_and_row_loses_no_row(command, tmp_path, whole, goal) -> None:
-    """The last seed is stored when its row is not yet there; going on must find nothing but that to do."""
+    """The last seed is stored before its row is written; resuming must only write that row."""
     arguments = (*ARGUMENTS, "recordings=0", goal, f"out={tmp_path}")
     run_and_kill("generation.append_row", *arguments)
     assert Store.open(tmp_path / DATA).seeds.tolist() == [0, 1]
-    assert [row.seed for row in told(tmp_path)] == [0]
+    assert [row.seed for row in untimed_rows(tmp_path)] == [0]
     for _ in range(2):
         assert command(*arguments).returncode == 0
-        assert told(tmp_path) == told(whole)
+        assert untimed_rows(tmp_path) == untimed_rows(whole)
     one, two = Store.open(tmp_path / DATA), Store.open(whole / DATA)
     assert one.digest() == two.digest() and one.certificates == two.certificates
 
@@ -124,7 +124,7 @@ def test_a_kill_before_the_episode_is_stored_gives_the_same(command, tmp_path, w
     arguments = (*ARGUMENTS, "recordings=0", "episodes=2", f"out={tmp_path}")
     run_and_kill("generation.Store.append", *arguments)
     assert command(*arguments).returncode == 0
-    assert told(tmp_path) == told(whole)
+    assert untimed_rows(tmp_path) == untimed_rows(whole)
     assert Store.open(tmp_path / DATA).digest() == Store.open(whole / DATA).digest()
 
 
@@ -133,7 +133,7 @@ def test_a_removed_line_comes_back_from_the_store(command, tmp_path) -> None:
     """As the message about a damaged line says."""
     arguments = (*ARGUMENTS, "recordings=0", "episodes=2", f"out={tmp_path}")
     assert command(*arguments).returncode == 0
-    before, path = told(tmp_path), tmp_path / ROWS
+    before, path = untimed_rows(tmp_path), tmp_path / ROWS
     first, second = path.read_text().splitlines(keepends=True)
     path.write_text(first.replace("pick_meat", "pick_neat") + second)
     result = command(*arguments)
@@ -141,11 +141,11 @@ def test_a_removed_line_comes_back_from_the_store(command, tmp_path) -> None:
     assert f"{path}, line 1" in result.stderr and "remove that line and run the same command" in result.stderr
     path.write_text(second)
     assert command(*arguments).returncode == 0
-    assert sorted(told(tmp_path), key=lambda row: row.seed) == before
+    assert sorted(untimed_rows(tmp_path), key=lambda row: row.seed) == before
 
 
 @pytest.mark.slow
-def test_what_a_kill_left_half_written_is_removed(command, tmp_path) -> None:
+def test_partial_files_of_a_kill_are_removed(command, tmp_path) -> None:
     arguments = (*ARGUMENTS, "recordings=2", "episodes=2", f"out={tmp_path}")
     run_and_kill("generation.recording.EpisodeRecorder", *arguments)  # the second recording is under way
     assert len(list(tmp_path.rglob("*.partial"))) == 1
@@ -157,7 +157,7 @@ def test_what_a_kill_left_half_written_is_removed(command, tmp_path) -> None:
 @pytest.mark.slow
 def test_rows_and_store_name_the_code_that_made_them(whole, pick_meat) -> None:
     attrs = Store.open(whole / DATA).attrs
-    for row in told(whole):
+    for row in untimed_rows(whole):
         assert (row.generator, row.commit) == (attrs["generator"], attrs["commit"])
     assert attrs["generator"] == generator_version(pick_meat)
 
@@ -167,14 +167,14 @@ def pick_meat() -> Task:
     return read_task("pick_meat")
 
 
-def test_the_commonest_reasons_are_told_where_no_seed_succeeds(tmp_path: Path) -> None:
-    told = experiment("task=pick_meat", f"out={tmp_path}", "disturbance_rad=0", "delay_s=0")
-    settings, path = cell_of(told).settings, cell_of(told).generation_path
+def test_the_commonest_reasons_are_shown_if_no_seed_succeeds(tmp_path: Path) -> None:
+    configured = experiment("task=pick_meat", f"out={tmp_path}", "disturbance_rad=0", "delay_s=0")
+    settings, path = cell_of(configured).settings, cell_of(configured).generation_path
     path.parent.mkdir(parents=True)
     kinds = ["lid off"] * 3 + ["at rest"] * 2 + ["upright", "up"]
     for seed, name in enumerate(kinds):
         failed = Outcome(seed, False, False, 9, 1, 0, 0.1, Account(unmet=(Unmet(name, 0.0),)))
         append_row(path, generation_row(settings, failed))
-    assert why_seeds_failed(told) == (
+    assert why_seeds_failed(configured) == (
         f"3 of 7: lid off | 2 of 7: at rest | 1 of 7: upright | and 1 rarer; the rows are in {path}"
     )

@@ -1,4 +1,4 @@
-"""What Weights & Biases is told of generations. Of training and evaluation: tests/test_run.py."""
+"""Logging of generation to Weights & Biases; for training and evaluation see tests/test_run.py."""
 
 import os
 import subprocess
@@ -28,7 +28,7 @@ GENERATE = ("stages=[generate]", "render=false", "task=place_food", "constraints
 
 @pytest.fixture(scope="module")
 def generation(tmp_path_factory) -> tuple[Path, list[str]]:
-    """Three seeds of a row that fails now and then, in two goes; what was printed."""
+    """Output folder of three seeds of a row that sometimes fails, generated in two runs; and their output."""
     out = tmp_path_factory.mktemp("generation")
     printed = []
     for episodes in (2, 3):
@@ -39,7 +39,7 @@ def generation(tmp_path_factory) -> tuple[Path, list[str]]:
 
 
 @pytest.mark.slow
-def test_a_generation_says_what_it_is_about(generation):
+def test_a_generation_is_logged_with_its_name_tags_and_config(generation):
     found = runs(generation[0])
     assert list(found) == [f"generate place_food/logical, {n} episodes, seed 1" for n in (2, 3)]
     run = found["generate place_food/logical, 3 episodes, seed 1"]
@@ -56,7 +56,7 @@ def test_a_generation_says_what_it_is_about(generation):
 
 @pytest.mark.slow
 def test_a_generation_logs_the_rates_of_all_its_rows(generation):
-    """Also of those that an earlier run made."""
+    """Including those of an earlier run."""
     out, _ = generation
     rows = read_rows(out / "results/generate/place_food/logical-disturbed.jsonl", GenerationRow)
     first, second = (run["history"] for run in runs(out).values())
@@ -72,16 +72,16 @@ def test_a_generation_logs_the_rates_of_all_its_rows(generation):
 
 
 @pytest.mark.slow
-def test_the_output_does_not_speak_of_the_service(generation):
+def test_the_output_does_not_mention_the_service(generation):
     for text in generation[1]:
         assert "wandb" not in text.lower() and "weights" not in text.lower()
 
 
-def test_a_generation_of_so_many_demonstrations_says_how_many() -> None:
+def test_the_name_of_a_generation_has_its_number_of_demonstrations() -> None:
     (cell,) = cells(experiment("task=lift_barrier", "demos=2"))
-    said = run_settings(cell, "generate")
-    assert said["name"] == "generate lift_barrier/full, 2 demos, seed 0"
-    assert said["tags"] == ["lift_barrier", "full", "2 demos", "seed 0"]
+    settings = run_settings(cell, "generate")
+    assert settings["name"] == "generate lift_barrier/full, 2 demos, seed 0"
+    assert settings["tags"] == ["lift_barrier", "full", "2 demos", "seed 0"]
 
 
 def test_rates_count_every_row_and_lengths_only_successes():
@@ -104,7 +104,7 @@ def test_rates_count_every_row_and_lengths_only_successes():
 
 
 @pytest.mark.slow
-def test_a_blocked_folder_is_said_before_any_work(tmp_path):
+def test_a_blocked_folder_is_reported_before_any_work(tmp_path):
     (tmp_path / "wandb").write_text("in the way")
     done = command(*GENERATE, "episodes=1", f"out={tmp_path}")
     assert done.returncode == 2
@@ -113,7 +113,7 @@ def test_a_blocked_folder_is_said_before_any_work(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_refused_run_names_the_way_out(tmp_path):
+def test_a_refused_run_names_the_alternative(tmp_path):
     """Online without a key."""
     nobody = {"HOME": str(tmp_path), "NETRC": str(tmp_path / "none")}
     done = command(*GENERATE, "episodes=1", "wandb=online", f"out={tmp_path}", **nobody)

@@ -1,4 +1,4 @@
-"""What is asked for and missing is made, whatever was finished before: recordings, films, pictures."""
+"""Recordings, films and pictures that are requested and missing are made, also for a finished stage."""
 
 import shutil
 from dataclasses import replace
@@ -26,7 +26,7 @@ from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
 from tests.scenes import start_scene
 from tests.viz.recorded import Content
 
-STEPS = 6  # of a rollout
+STEPS = 6  # per rollout
 SMALL = (
     *("arch=shared_local", "demos=1", "scenes=3", "workers=1", "wandb=disabled", "stages=[evaluate]"),
     *(
@@ -48,7 +48,7 @@ RRD, MP4, PNG = ".rrd", ".mp4", ".png"
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> Experiment:
-    """A policy that has seen one episode of another world, and three scenes it failed in."""
+    """A policy trained on one episode of another world, and evaluated in three scenes, where it fails."""
     small = replace(experiment(*SMALL, "recordings=0", "films=0"), out=tmp_path_factory.mktemp("out"))
     cell = cell_of(small)
     cameras, objects = ("global", "agent1", "agent2"), tuple(block_poses(0, 2))
@@ -62,7 +62,7 @@ def trained(tmp_path_factory) -> Experiment:
 
 
 def evaluate(given: Experiment, **changed) -> set[str]:
-    """Runs the stage with other settings; the names of all files to look at that are there then."""
+    """Runs the stage with other settings; the names of all recordings, films and pictures after it."""
     evaluate_policies(cell_of(replace(given, **changed)))
     folder = cell_of(given).recording_path("evaluate", 0).parent
     return {path.name for path in folder.iterdir()} if folder.exists() else set()
@@ -84,7 +84,7 @@ def test_recordings_of_a_finished_evaluation_are_made_and_kept(trained: Experime
     (folder / name(1, RRD)).unlink()  # as after a crash
     assert evaluate(trained, recordings=(1_000_001, 1_000_002)) == {name(seed, RRD) for seed in range(3)}
     assert (folder / name(0, RRD)).stat() == kept
-    assert path.read_bytes() == before  # the same rollouts once more are no new rows
+    assert path.read_bytes() == before  # repeated rollouts add no rows
 
 
 @pytest.mark.render
@@ -107,7 +107,7 @@ def test_films_of_a_finished_evaluation_are_made_and_bounded(trained: Experiment
 @pytest.mark.render
 @pytest.mark.slow
 def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Experiment) -> None:
-    """And ends as its row says."""
+    """It ends as its row says."""
     evaluate(trained, recordings=(1_000_000,))
     content = Content(trained.out / "recordings/lift_barrier/full" / name(0, RRD))
     path = cell_of(trained).evaluation_path
@@ -131,33 +131,35 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
     assert len(pictures) == 1 + STEPS // PICTURES_EVERY
     [blob] = pictures[-1]
     picture = cv2.imdecode(np.asarray(blob, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None and picture.shape[0] == MIN_DISPLAY_PX > HEIGHT  # of what the policy looks at
+    assert picture is not None and picture.shape[0] == MIN_DISPLAY_PX > HEIGHT  # of the policy's pictures
 
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment, tmp_path, capsys) -> None:
+def test_a_rollout_that_ends_otherwise_than_its_row_is_reported(
+    trained: Experiment, tmp_path, capsys
+) -> None:
     other = replace(trained, out=tmp_path / "out")
     shutil.copytree(trained.out, other.out, ignore=shutil.ignore_patterns("recordings"))
     path = cell_of(other).evaluation_path
     row = read_rows(path, EvaluationRow)[-1]
     append_row(path, replace(row, steps=STEPS - 1))
     evaluate(other, recordings=(row.scene_seed,))
-    said = " ".join(capsys.readouterr().out.split())
-    assert f"warning: scene {row.scene_seed} ended otherwise than in its row: success False after 6" in said
+    output = " ".join(capsys.readouterr().out.split())
+    assert f"warning: scene {row.scene_seed} ended otherwise than in its row: success False after 6" in output
 
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> None:
-    """With rows, recordings and films of its own, which tell of the shield. One process makes all of them."""
+def test_a_shielded_evaluation_is_kept_apart(trained: Experiment, tmp_path) -> None:
+    """With rows, recordings and films of its own, which show the shield; one process makes all of them."""
     shielded = replace(trained, shield=True, out=tmp_path / "out")
     shutil.copytree(trained.out, shielded.out, ignore=shutil.ignore_patterns("recordings"))
     task, plain = shielded.tasks[0], cell_of(replace(shielded, shield=False)).evaluation_path
     before = plain.read_bytes()
     shown = "evaluate-shared_local-test-1-shield-1000000"
     assert evaluate(shielded, recordings=1, films=1) == {f"{shown}{suffix}" for suffix in (RRD, MP4, PNG)}
-    assert len(processes._idle) == 1  # who was there for the rows made the rest as well
+    assert len(processes._idle) == 1  # the process of the rows also made the rest
     path = cell_of(shielded).evaluation_path
     assert path.name == "full-test-1-shield.jsonl" and plain.read_bytes() == before
     assert [(each.shield, each.steps) for each in read_rows(path, EvaluationRow)] == [(True, STEPS)] * 3
@@ -165,12 +167,12 @@ def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> 
     assert Content(folder / f"{shown}{RRD}").column("/conditions/shield", "StateChange:state")[0] == ["holds"]
     with Image.open(folder / f"{shown}{PNG}") as picture:
         lines = len(SuccessEvaluator(task, start_scene(task, 0))(start_scene(task, 0)).evidence) + 1
-        assert 0 <= picture.height - (HEIGHT_PX + LINE_PX * lines + 3 * GAP_PX) <= 1  # a line more
+        assert 0 <= picture.height - (HEIGHT_PX + LINE_PX * lines + 3 * GAP_PX) <= 1  # one more line
 
 
 @pytest.mark.slow
 def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
-    """Of the first demonstrations, or of seeds: also of one that is no demonstration, to see why."""
+    """Of the first demonstrations or of given seeds, also of a failed one, to see why it failed."""
     small = replace(
         experiment("stages=[generate]", "render=false", "demos=1", "workers=1", "recordings=0"), out=tmp_path
     )

@@ -1,4 +1,4 @@
-"""Demonstrations that are drawn once more: the same episode, other pictures."""
+"""Demonstrations that are rendered again: the same episodes with other pictures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_put_where_they_were_measured_things_look_as_they_did(cell: Cell) -> None:
+def test_rendering_at_recorded_poses_gives_the_recorded_pictures(cell: Cell) -> None:
     episode = Store.open(cell.data_path).episode(0)
     with Simulator(cell.task, width_px=64, height_px=48) as world:
         world.reset(episode.seed)
@@ -41,7 +41,7 @@ def test_put_where_they_were_measured_things_look_as_they_did(cell: Cell) -> Non
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_copies_have_other_pictures_and_nothing_else(cell: Cell, tmp_path: Path) -> None:
+def test_copies_differ_in_pictures_only(cell: Cell, tmp_path: Path) -> None:
     source = Store.open(cell.data_path)
     path = redraw(source, tmp_path / "redrawn.zarr", cell.task, APPEARANCE, 3)
     store = Store.open(path)
@@ -58,7 +58,7 @@ def test_copies_have_other_pictures_and_nothing_else(cell: Cell, tmp_path: Path)
             assert found.certificate["copy"] == index % 3
             assert found.certificate["drawn"] == scene_draws(varied, found.seed, index % 3)
     whole = {str(each.relative_to(path)): each.read_bytes() for each in path.rglob("*") if each.is_file()}
-    redraw(source, path, cell.task, APPEARANCE, 3)  # all of it is there
+    redraw(source, path, cell.task, APPEARANCE, 3)  # it is complete already
     assert whole == {str(e.relative_to(path)): e.read_bytes() for e in path.rglob("*") if e.is_file()}
     with pytest.raises(StageError, match="copies"):
         redraw(source, path, cell.task, APPEARANCE, 4)
@@ -66,7 +66,7 @@ def test_copies_have_other_pictures_and_nothing_else(cell: Cell, tmp_path: Path)
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_what_was_interrupted_goes_on(cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_copies_are_resumed(cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = Store.open(cell.data_path)
     whole = redraw(source, tmp_path / "whole.zarr", cell.task, APPEARANCE, 2)
     append, left = Store.append, iter(range(3))
@@ -99,24 +99,30 @@ def test_what_was_interrupted_goes_on(cell: Cell, tmp_path: Path, monkeypatch: p
         (Variation("late", delay_s=(0.1, 0.1)), 2, "variation 'late' has another delay_s"),
     ],
 )
-def test_what_pictures_do_not_show_is_refused(cell: Cell, tmp_path: Path, variation, copies, said) -> None:
+def test_variations_that_pictures_do_not_show_are_refused(
+    cell: Cell, tmp_path: Path, variation, copies, said
+) -> None:
     with pytest.raises(ArgumentError, match=said):
         redraw(Store.open(cell.data_path), tmp_path / "x.zarr", cell.task, variation, copies)
     assert not (tmp_path / "x.zarr").exists()
 
 
 def test_a_store_of_other_scenes_is_refused(cell: Cell, tmp_path: Path) -> None:
-    """Also where what is drawn anew is said to be what the demonstrations had, as training says it."""
+    """Also if the variation is that of the task, as training passes it."""
     moved = replace(cell.task, variation=Variation("none", base_position_m=0.02))
     with pytest.raises(ArgumentError, match="is of other scenes than the task has now"):
         redraw(Store.open(cell.data_path), tmp_path / "x.zarr", moved, moved.variation, 2)
     assert not (tmp_path / "x.zarr").exists()
 
 
-def test_an_experiment_asks_for_a_variation_that_pictures_show() -> None:
+def test_appearances_need_a_variation_that_pictures_show() -> None:
     with pytest.raises(ArgumentError, match="appearances is 4, and variation 'bases' shows nothing"):
         experiment(*SMALL, "appearances=4", "variation=bases")
-    asked = experiment(*SMALL, "appearances=4", "variation=light")
-    (found,) = cells(asked)
-    assert (asked.data, asked.method, asked.policies) == ("test+light", "test+lightx4", "test+lightx4-50-0")
+    configured = experiment(*SMALL, "appearances=4", "variation=light")
+    (found,) = cells(configured)
+    assert (configured.data, configured.method, configured.policies) == (
+        "test+light",
+        "test+lightx4",
+        "test+lightx4-50-0",
+    )
     assert found.redrawn_path.name == "test+light-50x4.zarr"

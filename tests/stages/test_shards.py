@@ -1,4 +1,4 @@
-"""Shards: what they come to is what one go makes, byte for byte, and what is no shard of ours is refused."""
+"""Shards: together they equal one run, byte for byte; invalid shards are refused."""
 
 import json
 import shutil
@@ -23,39 +23,39 @@ LOKY = ("launch.engine=loky", "launch.shard_seeds=2", "workers=2")
 SEEDS = 3
 
 
-def asked(out: Path, *more: str) -> Experiment:
+def configured(out: Path, *more: str) -> Experiment:
     return experiment(*ARGUMENTS, *more, f"out={out}")
 
 
-def made(asked: Experiment) -> int:
-    return generate_data(cell_of(asked))
+def generate(config: Experiment) -> int:
+    return generate_data(cell_of(config))
 
 
-def shards(asked: Experiment) -> Shards:
-    return Shards(cell_of(asked), generate_data)
+def shards_of(config: Experiment) -> Shards:
+    return Shards(cell_of(config), generate_data)
 
 
-def content(asked: Experiment) -> tuple[dict[str, bytes], list[GenerationRow]]:
-    """The files of the store, and the rows but for their times."""
-    path = cell_of(asked).data_path
+def content(config: Experiment) -> tuple[dict[str, bytes], list[GenerationRow]]:
+    """The files of the store, and the rows without their times."""
+    path = cell_of(config).data_path
     files = {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
-    told = read_rows(cell_of(asked).generation_path, GenerationRow)
-    return files, [replace(row, wall_s=0.0) for row in told]
+    rows = read_rows(cell_of(config).generation_path, GenerationRow)
+    return files, [replace(row, wall_s=0.0) for row in rows]
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
-    """Three seeds in one go, by processes of this machine."""
-    one = asked(tmp_path_factory.mktemp("whole"), f"episodes={SEEDS}")
-    assert made(one) == SEEDS
+    """Three seeds in one run, by processes of this machine."""
+    one = configured(tmp_path_factory.mktemp("whole"), f"episodes={SEEDS}")
+    assert generate(one) == SEEDS
     return one
 
 
 @pytest.fixture(scope="module")
 def later(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
-    """The last two of them, as somebody has made them in an `out` of their own."""
-    one = asked(tmp_path_factory.mktemp("later"), "seed=1", "episodes=2")
-    assert made(one) == 2
+    """The last two of them, generated in another `out`."""
+    one = configured(tmp_path_factory.mktemp("later"), "seed=1", "episodes=2")
+    assert generate(one) == 2
     return one
 
 
@@ -66,13 +66,13 @@ def later(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     size=st.integers(1, 7),
     wanted=st.none() | st.integers(1, 40),
 )
-def test_blocks_hold_what_is_wanted_and_nothing_twice(seeds, there, size, wanted) -> None:
+def test_planned_shards_cover_all_wanted_seeds_once(seeds, there, size, wanted) -> None:
     known = [range(first, first + length) for first, length in there]
     ordered = sorted(seeds)
     found = plan_shards(ordered, known, size, wanted)
     needed = ordered[:wanted]
     assert [seed for seed in needed if not any(seed in block for block in found)] == []
-    assert all(any(seed in block for seed in needed) for block in found)  # none for nothing
+    assert all(any(seed in block for seed in needed) for block in found)  # no superfluous block
     new = [block for block in found if block not in known]
     for block in new:
         assert len(block) <= size and {*block} <= seeds
@@ -83,66 +83,66 @@ def test_blocks_hold_what_is_wanted_and_nothing_twice(seeds, there, size, wanted
 
 
 @pytest.mark.slow
-def test_finished_shards_are_put_together_and_not_made_again(whole, tmp_path, capsys) -> None:
-    one = asked(tmp_path, *LOKY, f"episodes={SEEDS}")
-    folder = shards(one).folder
+def test_finished_shards_are_merged_and_not_generated_again(whole, tmp_path, capsys) -> None:
+    one = configured(tmp_path, *LOKY, f"episodes={SEEDS}")
+    folder = shards_of(one).folder
     shutil.copytree(whole.out, folder / "0-2")
-    assert made(one) == SEEDS
+    assert generate(one) == SEEDS
     assert content(one) == content(whole)
     assert "0 of 1 shards are made by loky" in capsys.readouterr().out
     assert not folder.exists()
 
 
 @pytest.mark.slow
-def test_of_a_shard_only_what_is_wanted_is_taken_and_the_rest_stays(whole, tmp_path) -> None:
-    one = asked(tmp_path, *LOKY, "demos=2")
-    folder = shards(one).folder
+def test_only_wanted_seeds_of_a_shard_are_taken_and_the_rest_stays(whole, tmp_path) -> None:
+    one = configured(tmp_path, *LOKY, "demos=2")
+    folder = shards_of(one).folder
     shutil.copytree(whole.out, folder / "0-2")
-    assert made(one) == 2
+    assert generate(one) == 2
     assert Store.open(cell_of(one).data_path).seeds.tolist() == [0, 1]
     assert existing_shards(folder) == [range(3)]
-    assert made(replace(one, demos=SEEDS)) == SEEDS
+    assert generate(replace(one, demos=SEEDS)) == SEEDS
     assert content(one) == content(whole)
     assert not folder.exists()
 
 
 @pytest.mark.slow
-def test_shards_that_overlap_and_leave_a_gap_come_to_the_same(whole, later, tmp_path, capsys) -> None:
-    """What is missing is made, by loky; of what is there twice one is taken."""
-    one = asked(tmp_path, *LOKY, f"episodes={SEEDS}")
-    folder = shards(one).folder
+def test_shards_that_overlap_and_leave_a_gap_give_the_same(whole, later, tmp_path, capsys) -> None:
+    """Missing seeds are generated by loky; of duplicates one is taken."""
+    one = configured(tmp_path, *LOKY, f"episodes={SEEDS}")
+    folder = shards_of(one).folder
     shutil.copytree(later.out, folder / "1-2")
     last = replace(one, seed=2, episodes=1, out=folder / "2-2", launch=whole.launch)
-    assert made(last) == 1
-    assert made(one) == SEEDS
+    assert generate(last) == 1
+    assert generate(one) == SEEDS
     assert content(one) == content(whole)
     assert "1 of 2 shards are made by loky" in capsys.readouterr().out
-    assert existing_shards(folder) == [range(2, 3)]  # which nobody has needed
+    assert existing_shards(folder) == [range(2, 3)]  # it was not needed
 
 
 @pytest.mark.slow
 def test_a_seed_that_hangs_in_a_shard_is_a_row_with_its_reason(tmp_path) -> None:
-    one = asked(tmp_path, *LOKY, "episodes=2", "seed_limit_s=1")  # no process starts in a second
-    assert made(one) == 0
-    told = content(one)[1]
-    assert [(row.seed, row.success) for row in told] == [(0, False), (1, False)]
-    assert all(row.reason.startswith("no result after 1 s; its process, ") for row in told)
+    one = configured(tmp_path, *LOKY, "episodes=2", "seed_limit_s=1")  # no process starts in a second
+    assert generate(one) == 0
+    rows = content(one)[1]
+    assert [(row.seed, row.success) for row in rows] == [(0, False), (1, False)]
+    assert all(row.reason.startswith("no result after 1 s; its process, ") for row in rows)
 
 
 def other_configuration(shard: Path) -> None:
     path = next(shard.rglob("*.zarr")) / "zarr.json"
-    said = json.loads(path.read_text())
-    said["attributes"]["identity"]["limits"]["velocity_rad_s"] = 0.5
-    path.write_text(json.dumps(said))
+    metadata = json.loads(path.read_text())
+    metadata["attributes"]["identity"]["limits"]["velocity_rad_s"] = 0.5
+    path.write_text(json.dumps(metadata))
 
 
 def without_an_episode(shard: Path) -> None:
-    """The store of two seeds, and rows of three: what a disk that was full may have left of a copy."""
+    """A store of two seeds, and rows of three, as a full disk may leave a copy."""
     store = next(shard.rglob("*.zarr"))
     array, path = store / "meta/episode_ends", store / "meta/episode_ends/zarr.json"
-    said = json.loads(path.read_text())
-    said["shape"] = [SEEDS - 1]
-    path.write_text(json.dumps(said))
+    metadata = json.loads(path.read_text())
+    metadata["shape"] = [SEEDS - 1]
+    path.write_text(json.dumps(metadata))
     assert array.is_dir()
 
 
@@ -154,29 +154,27 @@ def without_an_episode(shard: Path) -> None:
         (without_an_episode, "has rows of the seeds [0, 1, 2] and demonstrations of [0, 1]; expected a row"),
     ],
 )
-def test_what_is_no_shard_of_ours_is_refused(
-    harm: Callable[[Path], None], message: str, whole, tmp_path
-) -> None:
-    one = asked(tmp_path, *LOKY, f"episodes={SEEDS}")
-    shard = shards(one).folder / "0-2"
+def test_invalid_shards_are_refused(harm: Callable[[Path], None], message: str, whole, tmp_path) -> None:
+    one = configured(tmp_path, *LOKY, f"episodes={SEEDS}")
+    shard = shards_of(one).folder / "0-2"
     shutil.copytree(whole.out, shard)
     harm(shard)
     with pytest.raises(StageError) as caught:
-        made(one)
+        generate(one)
     assert message in str(caught.value) and str(shard) in str(caught.value)
     assert shard.is_dir()
 
 
-def test_a_machine_that_does_not_see_the_folder_says_so(tmp_path) -> None:
-    all_shards = shards(asked(tmp_path, "episodes=2"))
+def test_a_machine_without_access_to_the_folder_is_an_error(tmp_path) -> None:
+    all_shards = shards_of(configured(tmp_path, "episodes=2"))
     with pytest.raises(
         StageError, match=r"does not see .*`out` has to be on a file system that all machines"
     ):
         make_shard(all_shards.shard_for(range(2)), all_shards.identity)
 
 
-def test_a_machine_with_other_code_makes_nothing(tmp_path) -> None:
-    all_shards = shards(asked(tmp_path, "episodes=2"))
+def test_a_machine_with_other_code_generates_nothing(tmp_path) -> None:
+    all_shards = shards_of(configured(tmp_path, "episodes=2"))
     all_shards.folder.mkdir(parents=True)
     (all_shards.folder / IDENTITY_FILE).touch()
     wanted = {**all_shards.identity, "generator": "0.9"}

@@ -6,5 +6,5 @@ from tests.statements.sentences import FOOD
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled_patterns() -> None:
-    """Patterns are compiled by the first sentence that is read, before any is timed."""
+    """Compiles the patterns by reading one sentence, before any reading is timed."""
     read("Agent_1 and Agent_2 may share the same space in turn.", FOOD.vocabulary)

@@ -1,8 +1,8 @@
-"""Another reading of sentences, to judge the grammar by: words and their order alone, with tables of its own.
+"""Independent reading of sentences to test the grammar: uses only words and their order, with its own tables.
 
-`misread` takes a sentence and the statement that the grammar made of it, and says what is wrong. It knows
-what each kind of statement may be said with, what each verb means, what each unit is, which event is over and
-which begins, and how often a sentence denies; nothing of it comes from the grammar but its answer.
+`misread` compares a sentence with the statement that the grammar parsed, and returns the error. It has tables
+of the allowed words of each kind of statement and of the meanings of verbs and units, knows which events are
+over and which begin, and counts negations; it shares nothing with the grammar.
 """
 
 import re
@@ -36,16 +36,16 @@ OBJECTS = ("lid", "pot", "steak", "barrier", "table")
 POINTS = {"knob": "knob", "inside": "inside", "center": "center", "centre": "center", "middle": "center"}
 POINTS |= {"left": "left", "right": "right"}
 
-# What a word for a verb says: base form, third person, past, participle and -ing form.
-SAYS = {
+# Sense of a verb -> its words: base form, third person, past, participle and -ing form.
+VERB_WORDS = {
     "grasp": "grasp grasps grasped grasped grasping, grip grips gripped gripped gripping, grab grabs "
     "grabbed grabbed grabbing, seize seizes seized seized seizing",
     "take": "pick picks picked picked picking, pick_up picks_up picked_up picked_up picking_up, "
-    "take takes took taken taking",  # to grasp where a gripper takes hold is told; else to move it as well
+    "take takes took taken taking",  # to grasp where the point of contact is stated; else also to move
     "lift": "lift lifts lifted lifted lifting, lift_up lifts_up lifted_up lifted_up lifting_up, "
     "raise raises raised raised raising, elevate elevates elevated elevated elevating",
-    "open": "open opens opened opened opening",  # of a lid to lift it
-    "remove": "remove removes removed removed removing",  # to take it off, and away
+    "open": "open opens opened opened opening",  # for a lid: to lift it
+    "remove": "remove removes removed removed removing",  # to take off and away
     "carry": "carry carries carried carried carrying, transport transports transported transported "
     "transporting, bring brings brought brought bringing, move moves moved moved moving",
     "place": "place places placed placed placing, put puts put put putting, put_down puts_down put_down "
@@ -57,15 +57,15 @@ SAYS = {
     "press": "press presses pressed pressed pressing, click clicks clicked clicked clicking",
     "shut": "shut shuts shut shut shutting, sweep_shut sweeps_shut swept_shut swept_shut sweeping_shut, "
     "swing_shut swings_shut swung_shut swung_shut swinging_shut",
-    "push": "push pushes pushed pushed pushing",  # to press where it is said at which point; else to shift
+    "push": "push pushes pushed pushed pushing",  # to press where the point is stated; else to shift
     "release": "release releases released released releasing, drop drops dropped dropped dropping, "
     "let_go_of lets_go_of let_go_of let_go_of letting_go_of",
     "hold": "hold holds held held holding",
     "keep": "keep keeps kept kept keeping",
 }  # fmt: skip
-FORMS = [(sense, words.split()) for sense, said in SAYS.items() for words in said.split(",")]
+FORMS = [(sense, words.split()) for sense, verbs in VERB_WORDS.items() for words in verbs.split(",")]
 SENSE = {form: sense for sense, forms in FORMS for form in forms}
-OVER = {form for _, forms in FORMS for form in forms[2:4] if form not in forms[:2]}  # lifted, taken
+PAST_FORMS = {form for _, forms in FORMS for form in forms[2:4] if form not in forms[:2]}  # lifted, taken
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
 LENGTHS = {"mm millimeter millimeters millimetre millimetres": 1e-3,
@@ -88,74 +88,74 @@ _UNIT = "|".join(sorted(map(re.escape, UNITS), key=len, reverse=True))
 _QUANTITY = re.compile(rf"(?<![\w.])({NUMBER}) ?({_UNIT})(?!\w)")
 
 MUST = "must should shall will has have to needs need mustn't shouldn't can't"
-NAMING = "the a an its their"
+DETERMINERS = "the a an its their"
 TASK = "with task tasks action actions motion motions work"
 END = "completes complete finish finishes finished completed ends end ended done"
 BEGIN = "begin begins start starts proceed proceeds act acts"
-POINTED = "point side end part handle interaction contact grasp"
-DENIES = "not never cannot mustn't shouldn't can't"
-WITH_WHAT: Mapping[type[Statement], str] = {  # the words with which each kind may be said
+POINT_WORDS = "point side end part handle interaction contact grasp"
+NEGATIONS = "not never cannot mustn't shouldn't can't"
+ALLOWED_WORDS: Mapping[type[Statement], str] = {  # allowed words of each kind
     Before: (
-        f"{MUST} {NAMING} {TASK} {END} {BEGIN} {DENIES} may can could allowed is are be been had "
+        f"{MUST} {DETERMINERS} {TASK} {END} {BEGIN} {NEGATIONS} may can could allowed is are be been had "
         "was by and it before after until once then first only wait waits for at least back on "
         "lies move moves"
     ),
     Together: (
-        f"{MUST} {NAMING} and both simultaneously at the same time together in sync synchrony "
+        f"{MUST} {DETERMINERS} and both simultaneously at the same time together in sync synchrony "
         "concurrently within of each other to most apart perform do execute carry out start begin "
         "tasks task actions action motions motion"
     ),
-    Deadline: f"{MUST} {NAMING} {TASK} {END} be within",
+    Deadline: f"{MUST} {DETERMINERS} {TASK} {END} be within",
     ShareSpace: "may can could share use occupy the same shared space area region turns and",
-    ContactAt: f"{MUST} {NAMING} {POINTED} at by on of",
-    PlaceAt: f"{MUST} {NAMING} {POINTED} at in on into of",
+    ContactAt: f"{MUST} {DETERMINERS} {POINT_WORDS} at by on of",
+    PlaceAt: f"{MUST} {DETERMINERS} {POINT_WORDS} at in on into of",
     Direction: (
-        f"{MUST} {NAMING} gripper hand of be is stay stays remain remains keep keeps hold holds to "
+        f"{MUST} {DETERMINERS} gripper hand of be is stay stays remain remains keep keeps hold holds to "
         "at when while it approach approaches reach reaches from above side"
     ),
     SameHeight: (
-        f"{MUST} {NAMING} and both keep maintain have hold gripper height heights between of for "
+        f"{MUST} {DETERMINERS} and both keep maintain have hold gripper height heights between of for "
         "when while consistent same equal identical"
     ),
     KeepApart: (
-        f"{MUST} {NAMING} keep keeps hold holds have grippers hands arms stay stays remain "
+        f"{MUST} {DETERMINERS} keep keeps hold holds have grippers hands arms stay stays remain "
         "remains be are at least apart distance of away from and"
     ),
     KeepLevel: (
-        f"{MUST} {NAMING} keep hold carry stay remain be kept held level upright horizontal to within"
+        f"{MUST} {DETERMINERS} keep hold carry stay remain be kept held level upright horizontal to within"
     ),
     KeepHeight: (
-        f"{MUST} {NAMING} keep hold gripper hand of stay remain be kept below under above over table"
+        f"{MUST} {DETERMINERS} keep hold gripper hand of stay remain be kept below under above over table"
     ),
     SpeedLimit: (
-        f"{MUST} {NAMING} {DENIES} may can move moves gripper hand of be faster slower than no "
+        f"{MUST} {DETERMINERS} {NEGATIONS} may can move moves gripper hand of be faster slower than no "
         "more at most with"
     ),
     AvoidAgents: (
-        f"{MUST} {NAMING} {DENIES} may can avoid any all collision collisions colliding contact "
+        f"{MUST} {DETERMINERS} {NEGATIONS} may can avoid any all collision collisions colliding contact "
         "between of and with other agents agent arms arm robots robot each collide touch hit "
         "interfere intersect trajectory trajectories path paths occupy enter same space as"
     ),
     AvoidObjects: (
-        f"{MUST} {NAMING} {DENIES} may can avoid any all collision collisions between of and with "
+        f"{MUST} {DETERMINERS} {NEGATIONS} may can avoid any all collision collisions between of and with "
         "other collide touch hit interfere intersect trajectory trajectories path paths objects "
         "object obstacles obstacle environment surroundings"
     ),
     KeepOut: (
-        f"{MUST} {NAMING} {DENIES} {END} {TASK} may can stay stays keep keeps out of avoid avoids "
+        f"{MUST} {DETERMINERS} {NEGATIONS} {END} {TASK} may can stay stays keep keeps out of avoid avoids "
         "enter enters zone box region area to while when as long is still there in it inside "
         "until before been was by on lies back"
     ),
 }
-# A verb of these is what an agent does; in the others it says how a limit is kept.
-DOING = (Before, Together, Deadline, ContactAt, PlaceAt, Direction, SameHeight, KeepOut)
-CLAUSES = re.compile(r"\b(?:before|after|until|once|then|while|when|for)\b|,")
-SHORT_S = 2.0  # so soon nothing is over: no deadline
+# Kinds whose verbs are actions of an agent; in the others, verbs state how a limit is kept.
+ACTION_KINDS = (Before, Together, Deadline, ContactAt, PlaceAt, Direction, SameHeight, KeepOut)
+CLAUSE_BOUNDARY = re.compile(r"\b(?:before|after|until|once|then|while|when|for)\b|,")
+MIN_DEADLINE_S = 2.0  # times up to this are tolerances, not deadlines
 
 
 @lru_cache(4096)
-def tidy(text: str) -> str:
-    """A sentence in lower case, with one name for each agent and word for each verb, and units resolved."""
+def normalised(text: str) -> str:
+    """A sentence in lower case, with one name per agent, one word per verb, and quantities in base units."""
     text = " ".join(text.lower().rstrip(".! ").split())
     text = re.sub(r"\b(?:agents?|robots?|arms?)[ _-]?(\d)((?:,? and |, )(?:\d)\b(?! ?(?:s|cm|mm|m)\b))",
                   lambda found: f"agent_{found[1]} and agent_{found[2][-1]}", text)  # fmt: skip
@@ -179,25 +179,25 @@ def tidy(text: str) -> str:
 
 
 def words_of(text: str) -> list[str]:
-    """Words, agents, quantities and numbers of a tidy sentence."""
+    """Words, agents, quantities and numbers of a normalised sentence."""
     return re.findall(rf"<[^>]*>|agent_\d|{NUMBER}(?!\w)|[a-z_'-]+|[^\s()]", text)
 
 
 def senses(words: list[str], stated: Statement) -> Iterator[str]:
-    """What the verbs of a sentence say."""
-    if not isinstance(stated, DOING):
+    """Senses of the verbs of a sentence."""
+    if not isinstance(stated, ACTION_KINDS):
         return
     for at, word in enumerate(words):
         if (sense := SENSE.get(word)) is None:
             continue
-        after = [each for each in words[at + 1 :] if each not in NAMING.split()][:1]
+        after = [each for each in words[at + 1 :] if each not in DETERMINERS.split()][:1]
         it = words[at + 1 : at + 2] in (["it"], [])
         auxiliary = isinstance(stated, Direction | SameHeight | KeepOut) and word.rstrip("s") in (
             "hold",
             "keep",
         )
         if auxiliary and not set(after) & set(OBJECTS):
-            continue  # its gripper, a height, out of a zone
+            continue  # keeps its gripper, a height, out of a zone
         if word in ("move", "moves") and not set(after) & set(OBJECTS):
             continue  # begins
         if word == "carry" and after == ["out"]:
@@ -207,40 +207,42 @@ def senses(words: list[str], stated: Statement) -> Iterator[str]:
         passive = {"is", "be", "been", "was"} & set(words[max(0, at - 1) : at]) or it
         if sense == "open" and ("lid" in after or (passive and "lid" in words[max(0, at - 5) : at])):
             sense = "lift"
-        told = {"from", "perpendicularly"} & set(words)
-        if isinstance(stated, ContactAt) or (isinstance(stated, Direction) and told):
+        contact_stated = {"from", "perpendicularly"} & set(words)
+        if isinstance(stated, ContactAt) or (isinstance(stated, Direction) and contact_stated):
             sense = {"take": "grasp", "push": "press"}.get(sense, sense)
         yield sense
 
 
-def turned(words: list[str]) -> Iterator[str]:
-    """What is said of directions, and of what: the gripper, or a thing."""
+def directions(words: list[str]) -> Iterator[str]:
+    """Stated directions, each with its subject: the gripper or an object."""
     gripper = {"gripper", "hand", "approach", "approaches", "reach", "reaches"} & set(words)
     for word in words:
         if word in ("level", "upright", "horizontal", "vertical", "perpendicular"):
             name = "level" if word == "upright" or (word == "horizontal" and not gripper) else word
             yield f"{name} {'gripper' if gripper else 'thing'}"
         if word.removesuffix("ly") in ("horizontal", "vertical", "perpendicular") and word.endswith("ly"):
-            meets = {"grasp", "press", "shut"} | ({"take", "push"} if word == "perpendicularly" else set())
-            held = gripper or meets & {SENSE.get(each) for each in words}
-            yield f"{word.removesuffix('ly')} {'gripper' if held else 'motion or thing'}"
+            contact_verbs = {"grasp", "press", "shut"} | (
+                {"take", "push"} if word == "perpendicularly" else set()
+            )
+            of_gripper = gripper or contact_verbs & {SENSE.get(each) for each in words}
+            yield f"{word.removesuffix('ly')} {'gripper' if of_gripper else 'motion or thing'}"
     for at, word in enumerate(words):
         if word == "from" and words[at + 1 : at + 2] in (["above"], ["the"]):
-            touches = {"grasp", "take", "press", "push", "shut"} & {SENSE.get(each) for each in words}
+            contact = {"grasp", "take", "press", "push", "shut"} & {SENSE.get(each) for each in words}
             name = "vertical" if words[at + 1] == "above" else "horizontal"
-            yield f"{name} {'gripper' if gripper or touches else 'motion or thing'}"
+            yield f"{name} {'gripper' if gripper or contact else 'motion or thing'}"
 
 
 def content(text: str, stated: Statement) -> Counter[str]:
-    """What a sentence names: agents, things, points, quantities, verbs and directions."""
-    words = words_of(tidy(text))
+    """Counts of what a sentence names: agents, objects, points, quantities, verbs and directions."""
+    words = words_of(normalised(text))
     found: Counter[str] = Counter()
     for at, word in enumerate(words):
-        nouns = word in ("left", "right") and not isinstance(stated, ContactAt)
+        is_side = word in ("left", "right") and not isinstance(stated, ContactAt)
         if word.startswith(("<", "agent_")) or word in OBJECTS:
             if not (word == "table" and isinstance(stated, KeepHeight)):
                 found[word] += 1
-        elif word in POINTS and not nouns and not isinstance(stated, KeepOut):
+        elif word in POINTS and not is_side and not isinstance(stated, KeepOut):
             found[POINTS[word]] += 1
         elif re.fullmatch(NUMBER, word):
             found[f"{float(word) + 0.0:g}"] += 1
@@ -248,21 +250,21 @@ def content(text: str, stated: Statement) -> Counter[str]:
             found["below"] += 1
         elif word in ("above", "over") and isinstance(stated, KeepHeight):
             found["above"] += not words[at - 1].startswith("<")  # 5 cm above the table
-    if not isinstance(stated, Before):  # of a list it does not matter who is in it twice
+    if not isinstance(stated, Before):  # repeated agents in a list count once
         found.update({key: 1 - found[key] for key in found if key.startswith("agent_")})
     found.update(senses(words, stated))
     if isinstance(stated, Direction | KeepLevel):
-        found.update(turned(words))
+        found.update(directions(words))
     return found
 
 
-def denials(words: list[str]) -> int:
-    return sum(word in DENIES.split() for word in words)
+def count_negations(words: list[str]) -> int:
+    return sum(word in NEGATIONS.split() for word in words)
 
 
 def clauses(text: str) -> Iterator[list[str]]:
-    """The parts of a sentence that say one thing each."""
-    for part in CLAUSES.split(tidy(text)):
+    """The clauses of a sentence, as words."""
+    for part in CLAUSE_BOUNDARY.split(normalised(text)):
         words = words_of(part)
         subjects = [0]
         for at, word in enumerate(words):
@@ -277,21 +279,21 @@ def clauses(text: str) -> Iterator[list[str]]:
             yield words[begins:ends]
 
 
-def edges(words: list[str]) -> set[str]:
-    """What is said of an event: that it begins, or that it is over."""
+def event_phases(words: list[str]) -> set[str]:
+    """Stated phases of an event: that it begins, or that it is over."""
     found = {"begins"} & {"begins" for word in words if word in BEGIN.split()}
     perfect = any(
         word in ("has", "have", "had") and following != "to" for word, following in pairwise([*words, ""])
     )
-    if perfect or set(words) & (set(END.split()) | OVER):
+    if perfect or set(words) & (set(END.split()) | PAST_FORMS):
         found.add("is over")
     if {"is", "lies", "be"} & set(words) and "on" in words:
         found.add("is over")
     return found
 
 
-def misplaced(text: str, stated: Statement) -> str:
-    """Whether an event that begins is taken for one that is over, or the other way round."""
+def phase_error(text: str, stated: Statement) -> str:
+    """Error if a beginning event was read as a completed one or vice versa; else empty."""
     if not isinstance(stated, Before):
         return ""
     first = f"agent_{stated.first.agent}" if isinstance(stated.first, Step) else stated.first.object
@@ -299,45 +301,45 @@ def misplaced(text: str, stated: Statement) -> str:
         is_first = first in words and (isinstance(stated.first, Step) or "on" in words)
         allowed = {"is over"} if is_first else {"begins"}
         passive = {"is", "be"} & set(words) and "by" in words and "on" not in words
-        if wrong := edges(words) - allowed - ({"is over"} if passive else set()):
+        if wrong := event_phases(words) - allowed - ({"is over"} if passive else set()):
             return f"{' '.join(words)!r} {' and '.join(wrong)}"
     return ""
 
 
-def waits(words: list[str]) -> bool:
-    """Whether what is mentioned first is what has to wait."""
+def first_mentioned_waits(words: list[str]) -> bool:
+    """Whether the event that is mentioned first has to wait."""
     if words[0] in ("after", "once", "first") or words[:2] in (["only", "after"], ["only", "once"]):
         return False
-    if denials(words) or words[0] == "before":
+    if count_negations(words) or words[0] == "before":
         return True
     return bool({"wait", "waits"} & set(words)) or not ({"before", "then"} & set(words))
 
 
-def amiss(words: list[str], stated: Statement) -> str:
-    """What is wrong with how a statement of its kind is said: denied, timed, allowed or ordered."""
-    text, denied = " ".join(words), denials(words)
+def phrasing_error(words: list[str], stated: Statement) -> str:
+    """Error in the negation, time, permission or order of a statement; else empty."""
+    text, negations = " ".join(words), count_negations(words)
     allowed = {"may", "can", "could"} & set(words)
     match stated:
         case AvoidAgents() | AvoidObjects() | KeepOut():
-            if denied + ("avoid" in text) + ("out of" in text) != 1:
+            if negations + ("avoid" in text) + ("out of" in text) != 1:
                 return "denied twice, or not at all"
         case SpeedLimit():
             slow = any(each in text for each in ("slower than", "no faster than", "at most", "no more than"))
-            if ("faster than" in text and "no faster than" not in text) != (denied == 1) or slow == (
-                denied == 1
+            if ("faster than" in text and "no faster than" not in text) != (negations == 1) or slow == (
+                negations == 1
             ):
                 return "the wrong way round"
         case Before():
-            if denied > 1 or (denied and not {"before", "until"} & set(words)):
+            if negations > 1 or (negations and not {"before", "until"} & set(words)):
                 return "denied"
-            if denied and {"wait", "waits"} & set(words):
+            if negations and {"wait", "waits"} & set(words):
                 return "denied"
-        case _ if denied:
+        case _ if negations:
             return "denied"
         case _:
             pass
-    later = isinstance(stated, Before) and {"only", "before", "then"} & set(words)
-    if allowed and not (denied or later or isinstance(stated, ShareSpace)):
+    order_words = isinstance(stated, Before) and {"only", "before", "then"} & set(words)
+    if allowed and not (negations or order_words or isinstance(stated, ShareSpace)):
         return "a permission"
     if isinstance(stated, ShareSpace) and not allowed:
         return "no permission"
@@ -356,7 +358,7 @@ def amiss(words: list[str], stated: Statement) -> str:
         apart = after == ["of", "each", "other"] or (before == "most" and after[:1] == ["apart"])
         apart |= words[at - 2 : at] == ["to", "within"]
         at_once = {"simultaneously", "sync", "synchrony", "concurrently"} & set(words) or "same time" in text
-        apart |= bool(before == "within" and at_once and value_s <= SHORT_S)
+        apart |= bool(before == "within" and at_once and value_s <= MIN_DEADLINE_S)
         if isinstance(stated, Together) != apart:
             return "a deadline for a tolerance, or the other way round"
         if isinstance(stated, Together) and value_s > 10:
@@ -370,46 +372,46 @@ def amiss(words: list[str], stated: Statement) -> str:
     if isinstance(stated, Before):
         first = f"agent_{stated.first.agent}" if isinstance(stated.first, Step) else stated.first.object
         then = f"agent_{stated.then.agent}"
-        if (words.index(then) < words.index(first)) != waits(words):
+        if (words.index(then) < words.index(first)) != first_mentioned_waits(words):
             return "the wrong one waits"
     if isinstance(stated, KeepLevel) and {"vertical", "vertically"} & set(words):
         return "vertical is not level"
     return ""
 
 
-def defaults(stated: Statement, said: Counter[str]) -> Counter[str]:
-    """What the sentence of a statement adds to what it was read from."""
+def added_by_sentence(stated: Statement, in_text: Counter[str]) -> Counter[str]:
+    """Contents that the sentence of a statement has in addition to the original text."""
     added: Counter[str] = Counter()
-    if isinstance(stated, Together) and not any(key.endswith(" s>") for key in said):
+    if isinstance(stated, Together) and not any(key.endswith(" s>") for key in in_text):
         added["<0.1 s>"] += 1
-    if isinstance(stated, KeepLevel) and not any(key.endswith(" deg>") for key in said):
+    if isinstance(stated, KeepLevel) and not any(key.endswith(" deg>") for key in in_text):
         added["<10 deg>"] += 1
-    if not any(key.startswith("agent_") for key in said):  # those that it is filed under
+    if not any(key.startswith("agent_") for key in in_text):  # the agents that it is listed under
         added.update(f"agent_{agent}" for agent in stated.agents)
     return added
 
 
 def misread(text: str, stated: Statement) -> str:
-    """What is wrong with the reading of a sentence; empty if nothing is."""
-    words = words_of(tidy(text))
-    lexicon = {*WITH_WHAT[type(stated)].split(), *OBJECTS, *POINTS, "turns"}
-    if isinstance(stated, DOING):
+    """Error in the reading of a sentence; empty if there is none."""
+    words = words_of(normalised(text))
+    lexicon = {*ALLOWED_WORDS[type(stated)].split(), *OBJECTS, *POINTS, "turns"}
+    if isinstance(stated, ACTION_KINDS):
         lexicon |= SENSE.keys()
     if isinstance(stated, Direction):
         lexicon |= {"level", "perpendicular", "vertical", "horizontal"}
         lexicon |= {"perpendicularly", "vertically", "horizontally"}
-    strange = [
+    unknown = [
         word
         for word in words
         if not (
             word in lexicon or word == "," or word.startswith(("<", "agent_")) or re.fullmatch(NUMBER, word)
         )
     ]
-    if strange:
-        return f"words that say something else: {strange}"
-    said, says = content(text, stated), content(stated.sentence, stated)
-    if unread := said - says:
+    if unknown:
+        return f"words that say something else: {unknown}"
+    in_text, in_sentence = content(text, stated), content(stated.sentence, stated)
+    if unread := in_text - in_sentence:
         return f"words that were not read: {dict(unread)}"
-    if invented := (says - said) - defaults(stated, said):
+    if invented := (in_sentence - in_text) - added_by_sentence(stated, in_text):
         return f"words that are not there: {dict(invented)}"
-    return misplaced(text, stated) or amiss(words, stated)
+    return phase_error(text, stated) or phrasing_error(words, stated)

@@ -1,4 +1,4 @@
-"""Sentences that are understood, with what they mean."""
+"""Sentences that are understood, with their meanings."""
 
 from rf_exp.constraints import compile_statement
 from rf_exp.statements import (
@@ -34,8 +34,8 @@ PROPOSAL = Proposal(
 )
 
 
-def checked(text: str, task=FOOD, proposal=PROPOSAL, agents=(1, 2)) -> str:
-    """The check that a sentence means, as the paper prints it."""
+def check_code(text: str, task=FOOD, proposal=PROPOSAL, agents=(1, 2)) -> str:
+    """The check of a sentence, as printed in the paper."""
     return repr(compile_statement(read(text, task.vocabulary, agents), task, proposal))
 
 
@@ -116,7 +116,7 @@ SPATIAL = [
 LIFT, PLACE, BOX = Step(2, "lift", "lid"), Step(1, "place", "steak"), ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 ZONE = "zone (0, 0, 0) to (1, 1, 1)"
 ENGLISH: dict[str, Statement] = {
-    # who is meant
+    # agents
     "Agent 1 and 2 must keep the same gripper height": SameHeight((1, 2)),
     "Agents 1 and 2 keep a consistent height": SameHeight((1, 2)),
     "Robots 1 and 2 must maintain identical gripper heights": SameHeight((1, 2)),
@@ -124,7 +124,7 @@ ENGLISH: dict[str, Statement] = {
     "The left arm must not touch the right arm.": AvoidAgents((1, 2)),
     "The right robot must finish within 3 s": Deadline(Step(2), 3.0),
     "Agents must avoid colliding with each other": AvoidAgents((1, 2)),
-    # what waits for what
+    # orders
     "Agent_1 must not place the steak before Agent 2 has lifted the lid": Before(LIFT, PLACE),
     "Agent 1 mustn't place the steak until Agent 2 has lifted the lid": Before(LIFT, PLACE),
     "Agent_1 must wait until Agent_2 has lifted the lid": Before(LIFT, Step(1)),
@@ -156,7 +156,7 @@ ENGLISH: dict[str, Statement] = {
     "The hand of Agent_2 must stay above 2 cm": KeepHeight(2, 0.02, "above"),
     "Agent_1 must not move faster than 20 cm/s": SpeedLimit(1, 0.2),
     "Agent_2 must move its gripper no faster than 0.3 m/s": SpeedLimit(2, 0.3),
-    # when it holds
+    # conditions in time
     f"Agent_1 must stay out of {ZONE} while Agent_2 is there": KeepOut(1, *BOX, occupied_by=2),
     f"Agent_1 must not enter the {ZONE} as long as the lid is still in it": KeepOut(
         1, *BOX, occupied_by="lid"

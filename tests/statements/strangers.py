@@ -1,4 +1,4 @@
-"""Sentences of people who do not know the language: as which they are read, or that they are refused."""
+"""Sentences of authors who do not know the language: with their expected readings, or to be refused."""
 
 READ = {
     "First Agent_2 lifts the lid, then Agent_1 begins": "Agent_2 must lift lid before Agent_1 begins.",

@@ -1,4 +1,4 @@
-"""Words more, fillers and hostile text: never another meaning."""
+"""Sentences with additional words, filler words, and hostile text: the meaning never changes."""
 
 from contextlib import suppress
 
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import read
-from tests.statements.sentences import FOOD, LOGICAL, SPATIAL, TEMPORAL, checked
+from tests.statements.sentences import FOOD, LOGICAL, SPATIAL, TEMPORAL, check_code
 
 FILLERS = (
     "the a an its both any all other up down of for to it only has have must should shall will may can could "
@@ -31,22 +31,22 @@ UNDERSTOOD = [text.rstrip(".").split() for text, _ in [*LOGICAL, *TEMPORAL, *SPA
     inserted=st.sampled_from(CONTENT.split())
     | st.text(st.characters(categories=("L", "N", "P")), min_size=1, max_size=9),
 )
-def test_a_word_more_is_refused_and_never_another_meaning(words, at, inserted):
-    """A content word anywhere in a sentence that is understood: nothing reads it, so nothing drops it."""
+def test_an_additional_content_word_is_refused(words, at, inserted):
+    """A content word inserted anywhere into an understood sentence is never ignored."""
     assume(inserted.lower() not in FILLERS.split() and not set(inserted) <= set(".! "))
     at = min(at, len(words))
     with pytest.raises(ArgumentError, match="constraint"):
-        checked(" ".join([*words[:at], inserted, *words[at:]]))
+        check_code(" ".join([*words[:at], inserted, *words[at:]]))
 
 
 @pytest.mark.slow
-def test_fillers_change_no_meaning():
+def test_fillers_do_not_change_the_meaning():
     for words, (_, code) in zip(UNDERSTOOD, [*LOGICAL, *TEMPORAL, *SPATIAL], strict=True):
         for at in range(len(words) + 1):
             for filler in ("the", "its", "both", "any", "all", "only", "up", "may", "can", "must"):
                 text = " ".join([*words[:at], filler, *words[at:]])
                 with suppress(ArgumentError):
-                    assert checked(text) == code, text
+                    assert check_code(text) == code, text
 
 
 WORDS = (
@@ -67,7 +67,7 @@ HOSTILE = st.one_of(
 @example("Agent_" + "9" * 200 + " must finish within 1 s.")
 @example("Agent_1" + " and Agent_1" * 23 + " must")
 @example("the " * 70)
-def test_hostile_text_is_refused_or_understood_but_never_run(text):
+def test_hostile_text_is_refused_or_understood_but_never_executed(text):
     try:
         stated = read(text, FOOD.vocabulary, (1, 2))
     except ArgumentError as error:

@@ -1,8 +1,8 @@
-"""The property over all forms: a sentence is read as what it says, or refused.
+"""Property of all forms: a sentence is read with its meaning, or refused.
 
-Sentences are drawn from the pattern of every form, and changed: a word dropped, doubled, moved or replaced by
-one that it is easily taken for. Then all there are of a kind: verbs with adverbs, events with connectives,
-units with quantities. What each says is judged by `second_reading`.
+Sentences are sampled from the pattern of every form, and mutated: a word is dropped, doubled, moved or
+replaced by one that is easily confused with it. Exhaustive combinations follow: verbs with adverbs, events
+with connectives, units with quantities. `second_reading` judges the meaning of each.
 """
 
 import random
@@ -16,18 +16,18 @@ from rf_exp.statements import Statement, read, read_subgoal
 from rf_exp.statements.language import reading
 from tests.statements.second_reading import FORMS, UNITS, misread
 from tests.statements.sentences import FOOD
-from tests.statements.spoken import forms, said
+from tests.statements.spoken import forms, sample_text
 
-READ, DRAWN = 15, 300  # sentences of a form that have to be read, of at most so many that are drawn
-CHANGES = 8  # of each of them
+MIN_READ, MAX_SAMPLES = 15, 300  # sentences per form that have to be read, of at most so many samples
+MUTATIONS = 8  # mutations per sentence
 
 
 def phrases(text: str) -> list[str]:
-    """What stands between commas."""
+    """Splits a text at its commas."""
     return [" ".join(each.split()) for each in text.split(",")]
 
 
-TAKEN_FOR = (  # words that are easily taken for one another
+CONFUSABLE = (  # groups of words that are easily confused
     "begins, starts, finishes, ends, stops, has finished, has begun, is done, moves",
     "before, after, until, once, unless, while, then, as soon as, except when, without",
     "at least, at most, no more than, less than, more than, exactly, about",
@@ -44,43 +44,45 @@ TAKEN_FOR = (  # words that are easily taken for one another
     "both, either, neither, respectively, only, also, not",
     "Agent_1, Agent_2, the lid, the steak, the pot, it",
 )
-GROUPS = [phrases(group) for group in TAKEN_FOR]
+GROUPS = [phrases(group) for group in CONFUSABLE]
 
 
 @pytest.fixture(autouse=True)
-def refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the search for the nearest sentence, which is no part of reading."""
+def without_nearest_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Skips the search for the nearest sentence, which is not part of reading."""
     monkeypatch.setattr(reading, "_not_understood", lambda text, *_: ArgumentError(text))
 
 
-def understood(text: str) -> Statement | None:
+def parsed(text: str) -> Statement | None:
     try:
         return read(text, FOOD.vocabulary, (1, 2))
     except ArgumentError:
         return None
 
 
-def judged(texts: Iterable[str]) -> tuple[int, dict[str, str]]:
-    """How many of the sentences are read, and what is wrong with those that are read wrongly."""
-    found = {text: stated for text in texts if (stated := understood(text)) is not None}
-    wrong = {text: f"{why}: {each.sentence}" for text, each in found.items() if (why := misread(text, each))}
+def count_and_misread(texts: Iterable[str]) -> tuple[int, dict[str, str]]:
+    """Number of sentences that are read, and sentence -> error for those that are misread."""
+    found = {text: stated for text in texts if (stated := parsed(text)) is not None}
+    wrong = {
+        text: f"{error}: {each.sentence}" for text, each in found.items() if (error := misread(text, each))
+    }
     return len(found), wrong
 
 
-def spoken() -> list[str]:
-    """Sentences of every form that are read."""
+def sample_sentences() -> list[str]:
+    """Sampled sentences of every form that are read."""
     found: list[str] = []
     for name, parts in forms():
         rng = random.Random(name)
-        drawn = (said(parts, rng) for _ in range(DRAWN))
-        of_form = list(islice((text for text in drawn if understood(text) is not None), READ))
+        samples = (sample_text(parts, rng) for _ in range(MAX_SAMPLES))
+        of_form = list(islice((text for text in samples if parsed(text) is not None), MIN_READ))
         assert of_form, name
         found += of_form
     return found
 
 
-def changed(text: str, rng: random.Random) -> str:
-    """The sentence with a word dropped, doubled, moved, or replaced by one that it is taken for."""
+def mutated(text: str, rng: random.Random) -> str:
+    """The sentence with a word dropped, doubled, moved, or replaced by one that is easily confused."""
     words = text.split()
     at, other = rng.randrange(len(words)), rng.randrange(len(words))
     fitting = [(word, group) for group in GROUPS for word in group if f" {word} " in f" {text} "]
@@ -100,12 +102,12 @@ def changed(text: str, rng: random.Random) -> str:
 
 
 @pytest.mark.slow
-def test_what_a_form_reads_is_what_it_says_and_so_is_what_came_of_it_by_a_change():
-    texts, rng = spoken(), random.Random(0)
-    assert judged(texts)[1] == {}
-    count, wrong = judged(changed(text, rng) for text in texts for _ in range(CHANGES))
+def test_sentences_of_all_forms_and_their_mutations_are_not_misread():
+    texts, rng = sample_sentences(), random.Random(0)
+    assert count_and_misread(texts)[1] == {}
+    count, wrong = count_and_misread(mutated(text, rng) for text in texts for _ in range(MUTATIONS))
     assert wrong == {}
-    assert count > len(texts) / 2  # or this would say little
+    assert count > len(texts) / 2  # otherwise the test would prove little
 
 
 ADVERBS = phrases("""
@@ -132,7 +134,7 @@ def test_no_verb_has_another_meaning_with_an_adverb():
             f"the gripper of Agent_1 must be {adverb} when {gerund} the lid",
             f"the lid must be {participle} by Agent_1 {adverb} before Agent_2 begins",
         ]
-    count, wrong = judged(texts)
+    count, wrong = count_and_misread(texts)
     assert wrong == {}
     assert count > 200
 
@@ -144,7 +146,7 @@ EVENTS = phrases("""
     lifting the lid, has finished lifting the lid, stops lifting the lid, removes the lid, picks up the
     lid
 """)
-OF_THINGS = (
+OBJECT_EVENTS = (
     "the lid is lifted by Agent_2",
     "the lid must be lifted by Agent_2",
     "the lid has been lifted by Agent_2",
@@ -152,7 +154,7 @@ OF_THINGS = (
     "the lid must be on the pot",
     "the lid is not on the pot",
 )
-BETWEEN = phrases("""
+CONNECTIVES = phrases("""
     before, after, until, once, then, and then, while, when, as soon as, unless, only after, at least 2
     s after, 2 s after, within 2 s after, no later than 2 s after
 """)
@@ -160,15 +162,15 @@ BETWEEN = phrases("""
 
 @pytest.mark.slow
 def test_no_event_has_another_meaning_beside_a_connective():
-    """What is over and what begins, each in each place of an order."""
-    first = [*(f"Agent_2 {event}" for event in EVENTS), *OF_THINGS]
+    """Completed and beginning events in every position of an order."""
+    first = [*(f"Agent_2 {event}" for event in EVENTS), *OBJECT_EVENTS]
     then = [f"Agent_1 {event.replace('lid', 'steak')}" for event in EVENTS]
     texts = [
         text
         for one, other in product(first, then)
         for text in (
-            *(f"{one} {between} {other}" for between in ("before", "until", "then")),
-            *(f"{other} {between} {one}" for between in ("after", "before", "until", "once")),
+            *(f"{one} {connective} {other}" for connective in ("before", "until", "then")),
+            *(f"{other} {connective} {one}" for connective in ("after", "before", "until", "once")),
             f"first {one}, then {other}",
             f"before {other}, {one}",
             f"after {one}, {other}",
@@ -176,9 +178,13 @@ def test_no_event_has_another_meaning_beside_a_connective():
     ]
     texts += [
         text
-        for one, between in product(first, BETWEEN)
+        for one, connective in product(first, CONNECTIVES)
         for other in ("Agent_1 begins", "Agent_1 finishes", "Agent_1 must place the steak", "Agent_1 waits")
-        for text in (f"{one} {between} {other}", f"{other} {between} {one}", f"{between} {one}, {other}")
+        for text in (
+            f"{one} {connective} {other}",
+            f"{other} {connective} {one}",
+            f"{connective} {one}, {other}",
+        )
     ]
     zone = "zone (0, 0, 0) to (1, 1, 1)"
     texts += [
@@ -195,16 +201,16 @@ def test_no_event_has_another_meaning_beside_a_connective():
                 f"Agent_1 must stay out of {zone} {word} {one}"
                 for word in ("until", "before", "while", "after")
             ),
-            *(f"{one} within {many}" for many in ("10 s", "10 s of each other", "at least 10 s")),
+            *(f"{one} within {limit}" for limit in ("10 s", "10 s of each other", "at least 10 s")),
             f"Agent_1 and {one} simultaneously within 10 s",
         )
     ]
-    count, wrong = judged(texts)
+    count, wrong = count_and_misread(texts)
     assert wrong == {}
     assert count > 200
 
 
-FOREIGN = phrases("""
+UNKNOWN_UNITS = phrases("""
     inch, inches, in, ft, feet, km, dm, um, hours, h, days, steps, turns, kg, N, %, rpm, hz, rad/s,
     deg/s, km/h, mph, m/s2, m/min, units, tiles, , ', "
 """)
@@ -228,16 +234,16 @@ QUANTITIES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sentence", QUANTITIES)
-def test_each_unit_is_read_where_its_quantity_is(sentence: str):
-    """Signs and words, both spellings, singular and plural: each of a quantity in each of its places."""
+def test_each_unit_is_read_where_its_quantity_is_expected(sentence: str):
+    """Symbols and words, both spellings, singular and plural: every unit of a quantity in every sentence."""
     amounts = {"s": "0.05", "m": "1", "deg": "1", "m/s": "0.9"}
     for unit, (quantity, scale) in UNITS.items():
         amount = amounts[quantity] if scale >= 1 else "20"
         texts = [sentence.format(f"{amount} {unit}"), sentence.format(f"{amount}{unit}")]
-        count, wrong = judged(texts)
+        count, wrong = count_and_misread(texts)
         assert wrong == {}
         assert count == 2 * (quantity == QUANTITIES[sentence]), texts
-    assert judged(sentence.format(f"1 {unit}") for unit in FOREIGN) == (0, {})
+    assert count_and_misread(sentence.format(f"1 {unit}") for unit in UNKNOWN_UNITS) == (0, {})
 
 
 def test_each_unit_of_length_is_read_in_a_subgoal():
@@ -248,6 +254,6 @@ def test_each_unit_of_length_is_read_in_a_subgoal():
             else:
                 with pytest.raises(ArgumentError, match="cannot read subgoal"):
                     read_subgoal(2, text, FOOD.vocabulary)
-    assert read_subgoal(2, "lift lid by 1 metre\u017f", FOOD.vocabulary).height_m == 1.0  # a long s
+    assert read_subgoal(2, "lift lid by 1 metre\u017f", FOOD.vocabulary).height_m == 1.0  # a long s (U+017F)
     with pytest.raises(ArgumentError, match=r"by 100 m; expected less than 100 m"):
         read_subgoal(2, "lift lid by 100 m", FOOD.vocabulary)

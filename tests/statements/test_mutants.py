@@ -1,6 +1,6 @@
-"""Ten thousand sentences with a word too few, too many or elsewhere: each the right statement, or refused.
+"""Ten thousand sentences with a word dropped, added or moved: each becomes the right statement or is refused.
 
-What is right is told by another reading, of words and of their order alone.
+`second_reading`, an independent reading of words and their order, judges which statement is right.
 """
 
 import random
@@ -24,7 +24,7 @@ APPENDED = (
 
 
 def mutant(rng: random.Random) -> tuple[str, str]:
-    """A sentence that is understood, and one that came of it."""
+    """An understood sentence and a mutant of it."""
     sentence = rng.choice(SENTENCES)
     words = sentence.rstrip(".").split()
     for _ in range(rng.choice((1, 1, 1, 2))):
@@ -42,7 +42,7 @@ def mutant(rng: random.Random) -> tuple[str, str]:
     return sentence, " ".join(words)
 
 
-def test_the_other_reading_agrees_on_what_is_understood():
+def test_the_second_reading_accepts_all_understood_sentences():
     assert {text: misread(text, read(text, FOOD.vocabulary)) for text in SENTENCES} == dict.fromkeys(
         SENTENCES, ""
     )
@@ -59,7 +59,7 @@ def test_no_mutant_is_misread(monkeypatch: pytest.MonkeyPatch):
         except ArgumentError:
             continue
         understood += 1
-        if why := misread(text, stated):
-            wrong[text] = f"{why}: {stated.sentence}"
+        if error := misread(text, stated):
+            wrong[text] = f"{error}: {stated.sentence}"
     assert not wrong
-    assert understood > MUTANTS / 50  # or this would say nothing
+    assert understood > MUTANTS / 50  # otherwise the test would prove nothing

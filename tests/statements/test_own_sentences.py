@@ -1,4 +1,4 @@
-"""The law of the language: the sentence of a statement says the statement."""
+"""Round trip of the constraint language: the sentence of a statement is parsed to the same statement."""
 
 import pytest
 from hypothesis import given, settings
@@ -45,14 +45,16 @@ LENGTH = st.floats(0, 2, allow_subnormal=False)
 PAIR = st.sampled_from(((1, 2), (2, 1)))
 
 
-def other_than(step: Step) -> st.SearchStrategy[Step]:
+def step_of_other_agent(step: Step) -> st.SearchStrategy[Step]:
     return STEP.filter(lambda then: then.agent != step.agent)
 
 
 BEFORE = STEP.flatmap(
-    lambda first: st.builds(Before, st.just(first) | st.builds(LiesOn, OBJECT), other_than(first), SECONDS)
+    lambda first: st.builds(
+        Before, st.just(first) | st.builds(LiesOn, OBJECT), step_of_other_agent(first), SECONDS
+    )
 )
-STATED: dict[type[Statement], st.SearchStrategy[Statement]] = {
+STRATEGIES: dict[type[Statement], st.SearchStrategy[Statement]] = {
     ContactAt: st.sampled_from((("lid", "knob"), ("steak", "center"))).flatmap(
         lambda at: st.builds(ContactAt, AGENT, st.just("grasp"), st.just(at[0]), st.just(at[1]))
     ),
@@ -91,21 +93,21 @@ STATED: dict[type[Statement], st.SearchStrategy[Statement]] = {
 }
 
 
-def test_the_law_is_about_every_kind():
-    assert set(STATED) == set(kinds()) - {UnparsedStatement}
+def test_every_kind_has_a_strategy():
+    assert set(STRATEGIES) == set(kinds()) - {UnparsedStatement}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", STATED, ids=lambda kind: kind.__name__)
-def test_the_sentence_of_a_statement_says_the_statement(kind):
-    """The law of the language, over all kinds."""
+@pytest.mark.parametrize("kind", STRATEGIES, ids=lambda kind: kind.__name__)
+def test_the_sentence_of_a_statement_is_parsed_to_the_statement(kind):
+    """For all kinds of statements."""
 
     @settings(max_examples=150, deadline=5000)
-    @given(STATED[kind])
-    def law(stated: Statement) -> None:
+    @given(STRATEGIES[kind])
+    def round_trip(stated: Statement) -> None:
         assert read(stated.sentence, FOOD.vocabulary) == stated
 
-    law()
+    round_trip()
 
 
 def test_the_documentation_shows_every_sample():
@@ -113,10 +115,10 @@ def test_the_documentation_shows_every_sample():
     assert [each.sentence for each in samples() if f"| {each.kind} | {each.sentence} |" not in text] == []
 
 
-def test_samples_show_every_kind_in_its_own_words():
-    words = team(3).vocabulary
+def test_samples_cover_every_kind_and_are_parsed():
+    team_vocabulary = team(3).vocabulary
     points = {"barrier": {"left": "grasp"}, "lid": {}, "steak": {}, "pot": {"inside": "drop"}}
-    vocabulary = Vocabulary(words.agents, points)
+    vocabulary = Vocabulary(team_vocabulary.agents, points)
     shown = list(samples())
-    assert {type(sample) for sample in shown} == set(STATED)
+    assert {type(sample) for sample in shown} == set(STRATEGIES)
     assert [read(sample.sentence, vocabulary) for sample in shown] == shown

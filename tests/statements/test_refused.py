@@ -1,4 +1,4 @@
-"""Sentences that mean nothing here, or something else: refused, with what is in the way."""
+"""Sentences without a meaning here, or with another one, are refused with the words that cannot be read."""
 
 import re
 
@@ -8,7 +8,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.statements import MAX_LENGTH, Proposal
 from rf_exp.types import Subgoal
 from tests.constraints.robots import real
-from tests.statements.sentences import BAR, checked
+from tests.statements.sentences import BAR, check_code
 
 ERRORS = [
     ("Be nice to each other.",
@@ -48,14 +48,14 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("text", "message"), ERRORS)
-def test_a_sentence_that_cannot_be_used_says_why(text, message):
+def test_an_unusable_sentence_is_explained(text, message):
     with pytest.raises(ArgumentError, match=message):
-        checked(text)
+        check_code(text)
 
 
-# Sentence -> the words in the way; none where words of the grammar are in an order of no form. Had they been
-# dropped, each sentence would have meant a check that it does not say.
-DROPPED = {
+# Sentence -> the words that cannot be read; empty where known words are in an order of no form. If they were
+# ignored, each sentence would become a check with another meaning.
+UNREAD_WORDS = {
     "Agent_1 must avoid zone (0, 0, 0) to (1, 1, 1) while Agent_2 is thirsty.": "while Agent_2 is thirsty",
     "Agent_1 must grasp steak at its center point without closing its hand.": "without closing its hand",
     "Agent_1 must grasp steak very slowly at its center point.": "very slowly",
@@ -95,12 +95,16 @@ DROPPED = {
 }
 
 
-@pytest.mark.parametrize("text", DROPPED)
-def test_a_sentence_is_understood_whole_or_refused_with_the_words_in_the_way(text):
-    why = f"cannot read {DROPPED[text]!r}" if DROPPED[text] else "knows these words, but not in this order"
-    expected = f"constraint {text!r} is not understood: the grammar {why}; the nearest that is: '"
+@pytest.mark.parametrize("text", UNREAD_WORDS)
+def test_a_sentence_is_understood_completely_or_refused_with_the_unread_words(text):
+    reason = (
+        f"cannot read {UNREAD_WORDS[text]!r}"
+        if UNREAD_WORDS[text]
+        else "knows these words, but not in this order"
+    )
+    expected = f"constraint {text!r} is not understood: the grammar {reason}; the nearest that is: '"
     with pytest.raises(ArgumentError, match=re.escape(expected)):
-        checked(text)
+        check_code(text)
 
 
 OTHER_MEANINGS = [
@@ -118,18 +122,18 @@ OTHER_MEANINGS = [
 @pytest.mark.parametrize(("text", "message"), OTHER_MEANINGS)
 def test_a_sentence_whose_words_mean_something_else_is_refused(text, message):
     with pytest.raises(ArgumentError, match=message):
-        checked(text)
+        check_code(text)
 
 
-def test_a_contact_that_no_subgoal_makes_is_refused_with_the_points_there_are():
+def test_a_contact_of_no_subgoal_is_refused_with_the_available_points():
     grasp = Proposal((Subgoal(2, "grasp", "barrier", "right"),), ())
     with pytest.raises(
         ArgumentError, match=r"demands point left, but Agent_2 is to meet barrier at right; change"
     ):
-        checked("Agent_2 must grasp barrier at its left point.", BAR, grasp)
+        check_code("Agent_2 must grasp barrier at its left point.", BAR, grasp)
 
 
-def test_a_gripper_does_not_meet_a_point_to_work_with():
+def test_a_gripper_cannot_meet_a_tool_point():
     hammer = Proposal((Subgoal(1, "grasp", "hammer", "handle"),), ())
     with pytest.raises(ArgumentError, match=r"head of hammer is for the work of the tool, not for a gripper"):
-        checked("Agent_1 must grasp hammer at its head point.", real("strike_cube"), hammer, agents=(1,))
+        check_code("Agent_1 must grasp hammer at its head point.", real("strike_cube"), hammer, agents=(1,))

@@ -1,4 +1,4 @@
-"""Sentences of people who do not know the language: read as what they say, or refused with advice."""
+"""Sentences of authors who do not know the language: read with their meaning, or refused with advice."""
 
 import re
 
@@ -12,51 +12,51 @@ from tests.statements.sentences import BAR, FOOD
 from tests.statements.strangers import READ, REFUSED
 
 
-def stated(text: str):
+def parsed(text: str):
     return read(text, (BAR if "barrier" in text else FOOD).vocabulary, (1, 2))
 
 
-def test_what_is_read_is_what_was_said():
-    assert {text: stated(text).sentence for text in READ} == READ
-    assert {text: misread(text, stated(text)) for text in READ} == dict.fromkeys(READ, "")
+def test_accepted_sentences_are_read_with_their_meaning():
+    assert {text: parsed(text).sentence for text in READ} == READ
+    assert {text: misread(text, parsed(text)) for text in READ} == dict.fromkeys(READ, "")
 
 
 @pytest.mark.slow
-def test_what_has_another_meaning_is_refused(monkeypatch: pytest.MonkeyPatch):
+def test_sentences_with_another_meaning_are_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(reading, "_not_understood", lambda text, *_: ArgumentError(text))
     found = {}
     for text in REFUSED:
         try:
-            found[text] = stated(text).sentence
+            found[text] = parsed(text).sentence
         except ArgumentError:
             continue
     assert found == {}
     assert len(REFUSED) > 500
 
 
-ORDER = (
+ORDER_ADVICE = (
     "an order is between what is over and what begins: say 'Agent_2 must complete its task before Agent_1 "
     "begins.'"
 )
-STOPS = "no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
-TURNED = (
+STOP_ADVICE = "no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
+DIRECTION_ADVICE = (
     "of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be vertical at "
     "lid when lifting it.'"
 )
 ADVICE = {
-    "First Agent_2 lifts the lid, then Agent_1 finishes": ORDER,
-    "First Agent_2 lifts the lid, then Agent_1 must finish": ORDER,
-    "Agent_2 must lift the lid before Agent_1 ends": ORDER,
-    "Agent_2 must begin before Agent_1 begins": ORDER,
-    "Agent_1 must wait until Agent_2 starts": ORDER,
-    "Agent_1 must place the steak after Agent_2 begins lifting the lid": ORDER,
-    "Agent_1 waits until Agent_2 stops": STOPS,
-    "Agent_2 must stop before Agent_1 begins": STOPS,
-    "Agent_1 must lift the lid vertically": TURNED,
-    "Agent_1 carries the lid horizontally": TURNED,
-    "Agent_1 must keep the steak vertically": TURNED,
-    "Agent_1 must keep the steak vertical": TURNED,
-    "Agent_1 must place the steak from above": TURNED,
+    "First Agent_2 lifts the lid, then Agent_1 finishes": ORDER_ADVICE,
+    "First Agent_2 lifts the lid, then Agent_1 must finish": ORDER_ADVICE,
+    "Agent_2 must lift the lid before Agent_1 ends": ORDER_ADVICE,
+    "Agent_2 must begin before Agent_1 begins": ORDER_ADVICE,
+    "Agent_1 must wait until Agent_2 starts": ORDER_ADVICE,
+    "Agent_1 must place the steak after Agent_2 begins lifting the lid": ORDER_ADVICE,
+    "Agent_1 waits until Agent_2 stops": STOP_ADVICE,
+    "Agent_2 must stop before Agent_1 begins": STOP_ADVICE,
+    "Agent_1 must lift the lid vertically": DIRECTION_ADVICE,
+    "Agent_1 carries the lid horizontally": DIRECTION_ADVICE,
+    "Agent_1 must keep the steak vertically": DIRECTION_ADVICE,
+    "Agent_1 must keep the steak vertical": DIRECTION_ADVICE,
+    "Agent_1 must place the steak from above": DIRECTION_ADVICE,
     "Agent_2 must remove the lid before Agent_1 begins": (
         "is not clear: to remove lid is to take it off and away; say 'lift', 'carry' or 'place'"
     ),
@@ -90,22 +90,24 @@ ADVICE = {
 
 
 @pytest.mark.parametrize("text", ADVICE)
-def test_a_refusal_says_what_can_be_said(text: str):
+def test_a_refusal_advises_possible_sentences(text: str):
     with pytest.raises(ArgumentError, match=re.escape(ADVICE[text])):
-        stated(text)
+        parsed(text)
 
 
-def test_what_an_advice_says_can_be_said():
-    for sentence in re.findall(r"'((?:Agent_|The gripper)[^']*\.)'", " ".join((ORDER, TURNED))):
+def test_sentences_in_an_advice_are_understood():
+    for sentence in re.findall(
+        r"'((?:Agent_|The gripper)[^']*\.)'", " ".join((ORDER_ADVICE, DIRECTION_ADVICE))
+    ):
         assert read(sentence, FOOD.vocabulary)
     with pytest.raises(ArgumentError, match="is not clear") as refused:
-        stated("Agent_1 and Agent_2 must lift the barrier together within 10 s")
-    alone, apart = re.findall(r"'([^']*)'(?: of each of them|$)", str(refused.value))
-    assert stated(alone).sentence == alone
-    assert stated(f"Agent_1 and Agent_2 must lift the barrier together {apart}")
+        parsed("Agent_1 and Agent_2 must lift the barrier together within 10 s")
+    separate, apart = re.findall(r"'([^']*)'(?: of each of them|$)", str(refused.value))
+    assert parsed(separate).sentence == separate
+    assert parsed(f"Agent_1 and Agent_2 must lift the barrier together {apart}")
 
 
-def test_a_lid_is_opened_whatever_it_is_the_lid_of():
+def test_the_lid_of_any_object_can_be_opened():
     words = Vocabulary((1, 2), {"Pot_lid": {}, "lid_holder": {}})
     opened = read("Agent_2 must open the pot lid before Agent_1 begins", words)
     assert opened == Before(Step(2, "lift", "Pot_lid"), Step(1))

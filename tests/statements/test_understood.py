@@ -1,4 +1,4 @@
-"""Every way to state a constraint, and what it means."""
+"""All formulations of constraints and their meanings."""
 
 import pytest
 
@@ -6,14 +6,14 @@ from rf_exp.errors import ArgumentError
 from rf_exp.statements import Before, Deadline, KeepOut, Proposal, SameHeight, Step, Together, read
 from rf_exp.types import Subgoal
 from tests.constraints.robots import real, team
-from tests.statements.sentences import BAR, ENGLISH, FOOD, LOGICAL, SPATIAL, TEMPORAL, checked
+from tests.statements.sentences import BAR, ENGLISH, FOOD, LOGICAL, SPATIAL, TEMPORAL, check_code
 
 BOTH = Proposal(tuple(Subgoal(agent, verb, "barrier") for agent in (1, 2) for verb in ("grasp", "lift")), ())
 
 
 @pytest.mark.parametrize(("text", "code"), [*LOGICAL, *TEMPORAL, *SPATIAL])
 def test_a_sentence_becomes_its_check(text, code):
-    assert checked(text) == code
+    assert check_code(text) == code
 
 
 @pytest.mark.parametrize(
@@ -30,8 +30,8 @@ def test_a_sentence_becomes_its_check(text, code):
         ("Agent_1 must grasp the left end of barrier.", "VI(Agent_1, barrier, left)"),
     ],
 )
-def test_a_sentence_about_two_arms_and_one_thing(text, code):
-    assert checked(text, BAR, BOTH) == code
+def test_a_sentence_about_two_arms_and_one_object(text, code):
+    assert check_code(text, BAR, BOTH) == code
 
 
 @pytest.mark.parametrize("text", ENGLISH)
@@ -40,9 +40,9 @@ def test_ordinary_english_is_understood(text):
 
 
 def test_sides_are_those_of_the_global_camera():
-    """Who stands left in the picture that a model is sent is the left arm."""
+    """The left arm is the one on the left of the picture that is sent to a model."""
     assert FOOD.vocabulary.sides == {"left": 1, "right": 2}
-    assert real("take_photo").vocabulary.sides == {}  # of four nobody is just left or right
+    assert real("take_photo").vocabulary.sides == {}  # ambiguous for four arms
     with pytest.raises(ArgumentError, match="is not understood"):
         read("The left arm must finish within 3 s", real("take_photo").vocabulary)
 
@@ -62,12 +62,12 @@ def test_parameters_arrive_as_values():
         assert read(text, BAR.vocabulary) == stated
 
 
-def test_agents_without_names_are_all_of_them_whatever_the_sentence_is_filed_under():
+def test_unnamed_agents_are_all_agents_wherever_the_sentence_is_listed():
     for text in ("Agents must avoid colliding with each other.", "All agents must not collide."):
-        assert checked(text, team(3), Proposal((), ()), (1, 3)) == "VSO([Agent_1, Agent_2, Agent_3])"
+        assert check_code(text, team(3), Proposal((), ()), (1, 3)) == "VSO([Agent_1, Agent_2, Agent_3])"
 
 
-def test_a_sentence_that_names_nobody_is_about_those_it_is_filed_under():
+def test_a_sentence_without_agents_applies_to_those_it_is_listed_under():
     text = "Keep the gripper height consistent."
-    for filed, agents in (((1, 3), (1, 3)), ((), (1, 2, 3))):
-        assert read(text, team(3).vocabulary, filed) == SameHeight(agents)
+    for listed_under, agents in (((1, 3), (1, 3)), ((), (1, 2, 3))):
+        assert read(text, team(3).vocabulary, listed_under) == SameHeight(agents)

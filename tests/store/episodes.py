@@ -1,4 +1,4 @@
-"""Episodes of random numbers, stores of them, and how two are compared."""
+"""Episodes with random values, stores of such episodes, and their comparison."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def make_episode(seed: int, steps: int = 7, cameras: tuple[str, ...] = CAMERAS) 
         task="lift_barrier",
         seed=seed,
         qpos=rng.normal(size=(steps, AGENTS, 9)).astype(np.float32),
-        qvel=np.zeros((steps, AGENTS, 9), np.float32),  # all zeros must be told from a lost file
+        qvel=np.zeros((steps, AGENTS, 9), np.float32),  # zeros must differ from a lost file
         action=rng.normal(size=(steps, AGENTS, 8)).astype(np.float32),
         images={c: rng.integers(0, 256, (steps, HEIGHT, WIDTH, 3), np.uint8) for c in cameras},
         certificate={"checks": ["ValidateScheduling"], "seed": seed},
@@ -41,13 +41,17 @@ def make_store(path: Path, episodes: list[Episode], cameras: tuple[str, ...] = C
     return path
 
 
-def assert_same(got: Episode, expected: Episode) -> None:
-    assert (got.task, got.seed, got.certificate) == (expected.task, expected.seed, expected.certificate)
+def assert_same(actual: Episode, expected: Episode) -> None:
+    assert (actual.task, actual.seed, actual.certificate) == (
+        expected.task,
+        expected.seed,
+        expected.certificate,
+    )
     for name in ("qpos", "qvel", "action", "executed", "subgoal"):
-        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name), strict=True)
-    assert set(got.poses) == set(expected.poses)
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), strict=True)
+    assert set(actual.poses) == set(expected.poses)
     for name, poses in expected.poses.items():
-        np.testing.assert_array_equal(got.poses[name], poses, strict=True)
-    assert set(got.images) == set(expected.images)
+        np.testing.assert_array_equal(actual.poses[name], poses, strict=True)
+    assert set(actual.images) == set(expected.images)
     for camera, frames in expected.images.items():
-        np.testing.assert_array_equal(got.images[camera], frames, strict=True)
+        np.testing.assert_array_equal(actual.images[camera], frames, strict=True)

@@ -1,4 +1,4 @@
-"""Stores of another configuration and damaged ones: each is named, none is read in silence."""
+"""Stores of another configuration and damaged stores are refused with the reason."""
 
 import os
 import re
@@ -13,9 +13,9 @@ from rf_exp.store import Store
 from tests.store.episodes import AGENTS, CAMERAS, HEIGHT, IDENTITY, WIDTH, make_episode, make_store
 
 
-def test_a_foreign_configuration_is_named_key_by_key(tmp_path: Path) -> None:
+def test_differences_to_another_configuration_are_listed(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
-    asked = {
+    identity = {
         "task": "lift_barrier",
         "version": "2",
         "generator": "1.1",
@@ -23,7 +23,7 @@ def test_a_foreign_configuration_is_named_key_by_key(tmp_path: Path) -> None:
         "light": 0.1,
     }
     with pytest.raises(StageError) as caught:
-        Store.open(path, asked)
+        Store.open(path, identity)
     for part in (
         "light: found nothing, wanted 0.1",
         "ranges.x_m: found [-0.1, 0.1], wanted [-0.1, 0.2]",
@@ -33,7 +33,7 @@ def test_a_foreign_configuration_is_named_key_by_key(tmp_path: Path) -> None:
     ):
         assert part in str(caught.value)
     assert "task" not in str(caught.value)
-    Store.open(path, IDENTITY)  # tuples and lists are the same thing
+    Store.open(path, IDENTITY)  # tuples equal lists
 
 
 def test_identity_holds_plain_values_only(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_shortened_array_is_named(tmp_path: Path) -> None:
         Store.open(path)
 
 
-def test_damage_inside_a_file_is_found_when_it_is_read(tmp_path: Path) -> None:
+def test_damage_within_a_file_is_found_on_reading(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0, 40, ("global",))], ("global",))
     file = path / "data/rgb_global/c/0/0/0/0"
     content = bytearray(file.read_bytes())
@@ -91,7 +91,7 @@ def test_a_missing_array_is_named(tmp_path: Path) -> None:
         Store.open(path)
 
 
-def test_ends_that_do_not_rise_are_refused(tmp_path: Path) -> None:
+def test_ends_that_do_not_increase_are_refused(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0), make_episode(1)])
     with Store.open(path, writable=True) as store:
         store._array("meta/episode_ends")[:] = np.array([14, 7])
@@ -136,7 +136,7 @@ def test_missing_attributes_are_named(tmp_path: Path) -> None:
         Store.open(path)
 
 
-def test_no_store_at_all(tmp_path: Path) -> None:
+def test_a_missing_store_is_reported(tmp_path: Path) -> None:
     with pytest.raises(StageError, match=r"no store at .*; generate the data first \(stages=\[generate\]\)"):
         Store.open(tmp_path / "nothing.zarr")
     (tmp_path / "empty.zarr").mkdir()

@@ -1,4 +1,4 @@
-"""Stores that declare sizes which they cannot have: refused before anything of that size is read or made."""
+"""Stores that declare impossible sizes are refused before memory of that size is allocated."""
 
 import json
 import resource
@@ -18,37 +18,37 @@ from rf_exp.store import Store
 from tests.store.episodes import assert_same, make_episode, make_store
 
 EPISODES = [make_episode(seed) for seed in range(2)]
-SPARE_B = 2**30  # of memory, beside what the process holds
+SPARE_B = 2**30  # memory beyond that of the process
 
 
 @contextmanager
-def little_memory() -> Iterator[None]:
-    """Whoever asks the system for more is refused, so that what would hang or fill the machine fails."""
-    held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+def limited_memory() -> Iterator[None]:
+    """Limits the memory of the process, so that a huge allocation fails instead of filling the machine."""
+    used_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (held + SPARE_B, hard))
+    resource.setrlimit(resource.RLIMIT_AS, (used_bytes + SPARE_B, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
-def change(metadata: Path, changed: Callable[[dict[str, Any]], object]) -> None:
-    said = json.loads(metadata.read_text())
-    changed(said)
-    metadata.write_text(json.dumps(said))
+def change(metadata: Path, modify: Callable[[dict[str, Any]], object]) -> None:
+    content = json.loads(metadata.read_text())
+    modify(content)
+    metadata.write_text(json.dumps(content))
 
 
 def rows(number: int) -> Callable[[dict[str, Any]], object]:
-    return lambda said: said["shape"].__setitem__(0, number)
+    return lambda content: content["shape"].__setitem__(0, number)
 
 
 def chunk(number: int) -> Callable[[dict[str, Any]], object]:
-    return lambda said: said["chunk_grid"]["configuration"]["chunk_shape"].__setitem__(0, number)
+    return lambda content: content["chunk_grid"]["configuration"]["chunk_shape"].__setitem__(0, number)
 
 
 def codec(number: int) -> Callable[[dict[str, Any]], object]:
-    return lambda said: said["codecs"][0]["configuration"]["chunk_shape"].__setitem__(0, number)
+    return lambda content: content["codecs"][0]["configuration"]["chunk_shape"].__setitem__(0, number)
 
 
 ARRAYS = {
@@ -76,12 +76,12 @@ ATTRIBUTES = {
 def run(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., tuple[int, str]]:
-    """Exit code, and output with errors, of a command that has little memory."""
+    """Exit code and output, including errors, of a command with limited memory."""
 
     def call(main: Callable[[], None], *arguments: object) -> tuple[int, str]:
         monkeypatch.setattr(sys, "argv", ["rf_exp", *map(str, arguments)])
         capsys.readouterr()
-        with little_memory():
+        with limited_memory():
             code = run_guarded(main)
         return code, "".join(capsys.readouterr())
 
@@ -90,19 +90,19 @@ def run(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("declared", ARRAYS)
-def test_an_array_that_declares_what_it_has_not_is_damaged_and_all_episodes_are_rescued(
+def test_an_array_with_a_wrong_size_is_damaged_and_all_episodes_are_rescued(
     declared: str, tmp_path: Path, run: Callable[..., tuple[int, str]]
 ) -> None:
     path = make_store(tmp_path / "s.zarr", EPISODES)
-    name, changed = ARRAYS[declared]
-    change(path / name / "zarr.json", changed)
+    name, modify = ARRAYS[declared]
+    change(path / name / "zarr.json", modify)
     for command in ("summary", "validate"):
-        code, told = run(data, command, path)
-        assert code == 1 and f"s.zarr is damaged: {name}" in told
-    with little_memory(), pytest.raises(StageError, match="is damaged"):
+        code, output = run(data, command, path)
+        assert code == 1 and f"s.zarr is damaged: {name}" in output
+    with limited_memory(), pytest.raises(StageError, match="is damaged"):
         Store.open(path, writable=True)
-    code, told = run(rescue, path, "--dry-run")
-    assert code == 0 and "2 of 2 episodes can be kept; nothing was changed" in told
+    code, output = run(rescue, path, "--dry-run")
+    assert code == 0 and "2 of 2 episodes can be kept; nothing was changed" in output
     assert run(rescue, path)[0] == 0
     store = Store.open(path)
     for index, episode in enumerate(EPISODES):
@@ -111,19 +111,19 @@ def test_an_array_that_declares_what_it_has_not_is_damaged_and_all_episodes_are_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ATTRIBUTES)
-def test_attributes_that_cannot_be_are_named(
+def test_impossible_attributes_are_named(
     name: str, tmp_path: Path, run: Callable[..., tuple[int, str]]
 ) -> None:
     path = make_store(tmp_path / "s.zarr", EPISODES)
     value, message = ATTRIBUTES[name]
-    change(path / "zarr.json", lambda said: said["attributes"].__setitem__(name, value))
+    change(path / "zarr.json", lambda content: content["attributes"].__setitem__(name, value))
     for main, *arguments in ((data, "summary", path), (data, "validate", path), (rescue, path, "--dry-run")):
-        code, told = run(main, *arguments)
-        assert code == 1 and message in told and "or delete it and generate again" in told
-        assert "rf_exp.rescue" not in told
+        code, output = run(main, *arguments)
+        assert code == 1 and message in output and "or delete it and generate again" in output
+        assert "rf_exp.rescue" not in output
 
 
-def test_rows_that_a_killed_append_left_are_no_damage(tmp_path: Path) -> None:
+def test_rows_left_by_a_killed_append_are_ignored(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", EPISODES)
     change(path / "data/qpos/zarr.json", rows(3000))
     assert len(Store.open(path)) == 2

@@ -1,4 +1,4 @@
-"""Writes that are interrupted, find no room or another writer: what was stored stays whole."""
+"""Interrupted writes, full disks and concurrent writers leave stored episodes intact."""
 
 from pathlib import Path
 
@@ -19,18 +19,17 @@ from tests.store.episodes import (
     make_store,
 )
 
-ARRAYS = (
-    11  # qpos, qvel, action, executed, subgoal, pose_barrier, three cameras, seed, certificate; then the ends
-)
+# qpos, qvel, action, executed, subgoal, pose_barrier, three cameras, seed, certificate; then the ends
+ARRAYS = 11
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("broken", [0, 4, ARRAYS - 1, ARRAYS])
 @pytest.mark.parametrize("moment", ["before", "between", "after"])
-def test_interrupted_append_is_cut_off(
+def test_an_interrupted_append_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: int, moment: str
 ) -> None:
-    """Stop at one of the nine arrays: before its rows are written, before they count, and after."""
+    """Stops at one array: before its rows are written, before they count, or after."""
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     calls, write = [], layout.write
 
@@ -55,7 +54,7 @@ def test_interrupted_append_is_cut_off(
     reader = Store.open(path)
     assert len(reader) == 1 + committed
     assert_same(reader.episode(0), make_episode(0))
-    assert reader.images["global"].shape[0] == reader.steps  # surplus rows do not show
+    assert reader.images["global"].shape[0] == reader.steps  # surplus rows are hidden
     if committed:
         return
     with Store.open(path, writable=True) as writer:
@@ -74,7 +73,7 @@ def test_leftovers_of_a_killed_writer_are_removed(tmp_path: Path) -> None:
     assert not leftover.exists()
 
 
-def test_no_room_for_an_episode(tmp_path: Path) -> None:
+def test_missing_space_for_an_episode_is_reported(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     with Store.open(path, writable=True) as store:
         with (
@@ -87,12 +86,12 @@ def test_no_room_for_an_episode(tmp_path: Path) -> None:
         ):
             store.append(make_episode(1, steps=200))
         assert_same(store.episode(0), make_episode(0))
-        store.append(make_episode(1))  # with room again it goes on
+        store.append(make_episode(1))  # works once there is space again
     assert not list(path.rglob("*.partial"))
     assert_same(Store.open(path).episode(1), make_episode(1))
 
 
-def test_a_disk_that_fills_up(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", "256k") as disk:
         store, stored = (
             Store.create(disk / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True),
@@ -111,16 +110,16 @@ def test_a_disk_that_fills_up(tmp_path: Path) -> None:
         assert not list(disk.glob(".*"))
 
 
-def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
     with pytest.raises(ArgumentError, match=r"cannot create a store at .*file/s\.zarr: .*can be written"):
         Store.create(tmp_path / "file" / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH)
 
 
-def test_one_writer_at_a_time(tmp_path: Path) -> None:
+def test_only_one_writer_is_allowed(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     with Store.open(path, writable=True):
-        assert len(Store.open(path)) == 1  # readers are welcome
+        assert len(Store.open(path)) == 1  # readers are allowed
         with pytest.raises(StageError, match=r"s\.zarr is being written by another process"):
             Store.open(path, writable=True)
     Store.open(path, writable=True).close()

@@ -1,4 +1,4 @@
-"""What is no store of this project: every command says what it is, and that nothing is wrong with it."""
+"""Files of other kinds: every command names the kind, and does not call the file damaged."""
 
 import json
 import pickle
@@ -27,31 +27,31 @@ from rf_exp.store import Damage, Store
 from tests.conftest import cell_of, experiment
 from tests.store.episodes import make_episode, make_store
 
-ASKED = experiment()
+DEFAULT_EXPERIMENT = experiment()
 STEPS, ENDS = 137, [70, 137]
 
 
 def zarr_2(path: Path) -> None:
-    """As the authors of RoboFactory write demonstrations for Diffusion Policy, an agent a store."""
+    """Writes RoboFactory's demonstrations for Diffusion Policy, one store per agent."""
     group = zarr.open_group(path, mode="w", zarr_format=2)
     blosc = numcodecs.Blosc("zstd", clevel=5, shuffle=1)
     for name in ("action", "state", "tcp_action"):
-        told = np.zeros((STEPS, 8), np.float32)
-        group.create_array(f"data/{name}", data=told, chunks=(100, 8), compressors=blosc)
+        actions = np.zeros((STEPS, 8), np.float32)
+        group.create_array(f"data/{name}", data=actions, chunks=(100, 8), compressors=blosc)
     frames = np.zeros((STEPS, 3, 24, 32), np.uint8)
     group.create_array("data/head_camera", data=frames, chunks=(100, 3, 24, 32), compressors=blosc)
     group.create_array("meta/episode_ends", data=np.array(ENDS), chunks=(100,), compressors=blosc)
 
 
 def zarr_3(path: Path) -> None:
-    """A replay buffer with attributes of its own."""
+    """Writes a replay buffer with its own attributes."""
     group = zarr.open_group(path, mode="w", zarr_format=3, attributes={"task": "pusht", "format": 2})
     group.create_array("data/action", data=np.zeros((STEPS, 2), np.float32))
     group.create_array("meta/episode_ends", data=np.array(ENDS))
 
 
 def raw(path: Path) -> None:
-    """As ManiSkill's RecordEpisode keeps trajectories."""
+    """Writes trajectories as ManiSkill's RecordEpisode does."""
     with h5py.File(path, "w") as file:
         file["traj_0/actions/panda-0"] = np.zeros((STEPS, 8))
         file["traj_0/obs/agent/panda-0/qpos"] = np.zeros((STEPS + 1, 9), np.float32)
@@ -76,7 +76,7 @@ def pictures(path: Path) -> None:
     (path / "0.png").touch()
 
 
-def shelf(path: Path) -> None:
+def folder_of_stores(path: Path) -> None:
     make_store(path / "fast.zarr", [])
 
 
@@ -108,13 +108,13 @@ KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
     "text": (lambda path: path.write_text("hello"), "a file"),
     "empty": (lambda path: path.mkdir(), "an empty folder"),
     "pictures": (pictures, "a folder without zarr.json (0.png)"),
-    "a shelf": (shelf, "a folder of 1 stores (fast.zarr)"),
+    "a shelf": (folder_of_stores, "a folder of 1 stores (fast.zarr)"),
 }
 
 
 @pytest.fixture
 def commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Output and errors of a command that has to end with 1."""
+    """Output and errors of a command that must end with exit code 1."""
 
     def call(main: Callable[[], None], *arguments: object) -> str:
         monkeypatch.setattr(sys, "argv", ["rf_exp", *map(str, arguments)])
@@ -127,17 +127,17 @@ def commands(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_command_says_what_it_is_and_that_nothing_is_wrong_with_it(
+def test_every_command_names_the_kind_and_reports_no_damage(
     kind: str, tmp_path: Path, commands: Callable[..., str]
 ) -> None:
-    make, what = KINDS[kind]
-    asked = replace(ASKED, out=tmp_path / "out")
-    path = cell_of(asked).data_path
+    write, description = KINDS[kind]
+    configured = replace(DEFAULT_EXPERIMENT, out=tmp_path / "out")
+    path = cell_of(configured).data_path
     path.parent.mkdir(parents=True)
-    make(path)
+    write(path)
     before = {each.name for each in path.parent.iterdir()}
     to = tmp_path / "to"
-    found = {
+    messages = {
         "summary": commands(data, "summary", path),
         "validate": commands(data, "validate", path),
         "merge": commands(data, "merge", path, "--to", to),
@@ -147,19 +147,19 @@ def test_every_command_says_what_it_is_and_that_nothing_is_wrong_with_it(
     }
     assert {each.name for each in path.parent.iterdir()} == before and not to.exists()
     for name, stage in (
-        ("train", lambda: training_data(cell_of(asked))),
-        ("generate", lambda: generate_data(cell_of(asked))),
+        ("train", lambda: training_data(cell_of(configured))),
+        ("generate", lambda: generate_data(cell_of(configured))),
     ):
         with pytest.raises(StageError) as caught:
             stage()
-        found[name] = str(caught.value)
-    for name, told in found.items():
-        assert f"{path} is {what}" in told, name
-        assert "nothing is wrong with it" in told and "expected the folder of one" in told, name
-        assert not any(word in told for word in ("damaged", "delete", "rescue")), name
+        messages[name] = str(caught.value)
+    for name, message in messages.items():
+        assert f"{path} is {description}" in message, name
+        assert "nothing is wrong with it" in message and "expected the folder of one" in message, name
+        assert not any(word in message for word in ("damaged", "delete", "rescue")), name
 
 
-def test_a_part_of_a_store_is_told_from_a_store(tmp_path: Path) -> None:
+def test_a_part_of_a_store_is_recognised(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     with pytest.raises(StageError, match=rf"data is a part of the store {path}; nothing is wrong with it"):
         Store.open(path / "data")
@@ -167,27 +167,27 @@ def test_a_part_of_a_store_is_told_from_a_store(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("metadata", [None, "", "{", "[]", '{"zarr_format": 3, "node_type": "group"}'])
-def test_a_store_without_its_attributes_is_damaged_and_not_told_to_be_rescued(
+def test_a_store_without_attributes_is_damaged_and_cannot_be_rescued(
     tmp_path: Path, commands: Callable[..., str], metadata: str | None
 ) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     (path / "zarr.json").unlink()
     if metadata is not None:
         (path / "zarr.json").write_text(metadata)
-    for told in (
+    for message in (
         commands(data, "summary", path),
         commands(data, "validate", path),
         commands(rescue, path, "--dry-run"),
         commands(rescue, path),
     ):
-        assert "s.zarr is damaged: " in told
-        assert "restore it from a copy, or delete it and generate again" in told
-        assert "rf_exp.rescue" not in told
+        assert "s.zarr is damaged: " in message
+        assert "restore it from a copy, or delete it and generate again" in message
+        assert "rf_exp.rescue" not in message
 
 
 @contextmanager
 def no_more_files() -> Iterator[None]:
-    """The system opens no further file for this process: a real OSError that says nothing of the store."""
+    """The operating system opens no more files for this process: a real OSError unrelated to the store."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
     try:
@@ -197,7 +197,7 @@ def no_more_files() -> Iterator[None]:
 
 
 @pytest.mark.slow
-def test_what_the_system_refuses_is_no_damage(tmp_path: Path, commands: Callable[..., str]) -> None:
+def test_errors_of_the_operating_system_are_not_damage(tmp_path: Path, commands: Callable[..., str]) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     store = Store.open(path)
     for read in (lambda: Store.open(path), lambda: store.qpos):

@@ -1,4 +1,4 @@
-"""Episodes that do not fit a store are refused."""
+"""Episodes that do not match a store are refused."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -43,7 +43,7 @@ def test_an_episode_with_other_arrays_is_refused(
         ({"qpos": np.zeros((0, 2, 9), np.float32)}, "has no steps; expected at least one"),
     ],
 )
-def test_an_episode_that_does_not_fit_is_refused(
+def test_an_episode_that_does_not_match_is_refused(
     tmp_path: Path, change: dict[str, object], message: str
 ) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
@@ -52,7 +52,7 @@ def test_an_episode_that_does_not_fit_is_refused(
     assert len(Store.open(path)) == 1
 
 
-def test_a_reader_does_not_append(tmp_path: Path) -> None:
+def test_a_reader_cannot_append(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [])
     with pytest.raises(StageError, match="open for reading; open it with writable=True to append"):
         Store.open(path).append(make_episode(0))

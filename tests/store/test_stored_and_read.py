@@ -1,4 +1,4 @@
-"""The replay buffer: what goes in comes out."""
+"""The store returns episodes as they were written."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from tests.store.episodes import (
 )
 
 
-def test_a_store_without_poses_and_subgoals_is_still_read(tmp_path: Path) -> None:
+def test_a_store_without_poses_and_subgoals_is_read(tmp_path: Path) -> None:
     episode = replace(make_episode(0), executed=None, poses={}, subgoal=None)
     with Store.create(tmp_path / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH) as store:
         store.append(episode)
@@ -61,8 +61,8 @@ def test_round_trip(
     assert store.certificates == [dict(episode.certificate) for episode in episodes]
     np.testing.assert_array_equal(store.action, np.concatenate([e.action for e in episodes]))
     for camera in cameras:
-        whole = np.concatenate([episode.images[camera] for episode in episodes])
-        np.testing.assert_array_equal(store.images[camera][:], whole)
+        pictures = np.concatenate([episode.images[camera] for episode in episodes])
+        np.testing.assert_array_equal(store.images[camera][:], pictures)
     for index, episode in enumerate(episodes):
         assert_same(store.episode(index), episode)
     assert_same(store.episode(-1), episodes[-1])
@@ -85,7 +85,7 @@ def test_a_writer_reads_what_it_wrote(tmp_path: Path) -> None:
             assert len(store.qpos) == 7 * (seed + 1)
 
 
-def test_attributes_say_where_the_data_came_from(tmp_path: Path) -> None:
+def test_attributes_hold_the_provenance(tmp_path: Path) -> None:
     attrs = Store.open(make_store(tmp_path / "s.zarr", [])).attrs
     assert attrs["task"] == "lift_barrier"
     assert attrs["criteria_version"] == "1"
@@ -96,7 +96,7 @@ def test_attributes_say_where_the_data_came_from(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_digest_is_of_the_content(tmp_path: Path) -> None:
+def test_the_digest_depends_on_the_content_only(tmp_path: Path) -> None:
     episodes = [make_episode(seed) for seed in range(3)]
     digest = Store.open(make_store(tmp_path / "a.zarr", episodes)).digest()
     assert digest == Store.open(make_store(tmp_path / "b.zarr", episodes)).digest()

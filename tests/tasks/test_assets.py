@@ -1,4 +1,4 @@
-"""Laws of the procedural assets, and how the hand of a Panda fits them."""
+"""Properties of the procedural assets, and fit of the Panda gripper to them."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -20,22 +20,25 @@ from rf_exp.tasks.predicates import tilt_deg
 from rf_exp.transforms import Matrix, apply, inverse, transform
 from tests.conftest import read_task
 
-# The hand around the TCP, from the collision shapes of the Panda's URDF; metres.
-TIP_M = 0.0095  # finger tips beyond the TCP
+# The gripper around the TCP, from the collision shapes of the Panda's URDF; metres.
+TIP_M = 0.0095  # finger tips in front of the TCP
 PALM_M = 0.037  # the palm behind the TCP
 PALM_HALF_M = (0.032, 0.105)  # half extents of the palm along the TCP's x and y
-SPAN_M = 0.08  # between open fingers
+SPAN_M = 0.08  # distance of the open fingers
 CLEAR_M = 0.005
-MARGIN_M = 0.003  # that planners keep between a gripper and what it may not touch
+MARGIN_M = 0.003  # clearance that planners keep between a gripper and objects that it may not touch
 
 NAMES = assets.available()
 GRASPS = [
-    (name, point) for name in NAMES for point, at in assets.load(name).points.items() if at.kind == "grasp"
+    (name, point)
+    for name in NAMES
+    for point, contact in assets.load(name).points.items()
+    if contact.kind == "grasp"
 ]
 
 
 def inside(asset: Asset, points: np.ndarray) -> np.ndarray:
-    """Which points (K, 3) lie within a solid part."""
+    """Mask of the points (K, 3) that lie within a solid part."""
     return np.any(
         [
             np.all(
@@ -50,8 +53,8 @@ def inside(asset: Asset, points: np.ndarray) -> np.ndarray:
 def grasp(name: str, point: str) -> tuple[Asset, InteractionPoint, np.ndarray]:
     """Asset, point, and the vertices of the asset in the frame of the TCP."""
     asset = assets.load(name)
-    at = asset.points[point]
-    return asset, at, asset.vertices(inverse(at.object_from_tcp))
+    contact = asset.points[point]
+    return asset, contact, asset.vertices(inverse(contact.object_from_tcp))
 
 
 def gripper(world_from_tcp: Matrix, opening_m: float) -> list[tuple[Piece, Matrix]]:
@@ -66,17 +69,17 @@ def gripper(world_from_tcp: Matrix, opening_m: float) -> list[tuple[Piece, Matri
 
 
 def gap_m(a: Piece, world_from_a: Matrix, b: Piece, world_from_b: Matrix) -> float:
-    """Distance of two pieces, negative where they are in one another."""
+    """Distance of two pieces; negative where they overlap."""
     placed = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (world_from_a, world_from_b)]
     return coal.distance(
         a.shape, placed[0], b.shape, placed[1], coal.DistanceRequest(), coal.DistanceResult()
     )
 
 
-def gaps_m(hand: list[tuple[Piece, Matrix]], asset: Asset, world_from_asset: Matrix) -> np.ndarray:
-    """(links, pieces of the asset) distances."""
+def gaps_m(gripper_links: list[tuple[Piece, Matrix]], asset: Asset, world_from_asset: Matrix) -> np.ndarray:
+    """Distances (links, pieces of the asset)."""
     pieces = asset_pieces(asset)
-    return np.array([[gap_m(*link, piece, world_from_asset) for piece in pieces] for link in hand])
+    return np.array([[gap_m(*link, piece, world_from_asset) for piece in pieces] for link in gripper_links])
 
 
 def about(axis: str, angle_deg: float) -> Matrix:
@@ -84,7 +87,7 @@ def about(axis: str, angle_deg: float) -> Matrix:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_asset_is_made_of_convex_pieces_that_stand_on_the_table(name: str) -> None:
+def test_an_asset_consists_of_convex_pieces_and_stands_on_the_table(name: str) -> None:
     asset = assets.load(name)
     assert asset.name == name and asset.mass_kg > 0 and asset.friction > 0
     for hull in asset.hulls:
@@ -106,49 +109,55 @@ def test_interaction_points_are_rigid_poses(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "point"), GRASPS)
 def test_the_fingers_meet_the_asset_on_both_sides(name: str, point: str) -> None:
-    asset, at, _ = grasp(name, point)
-    assert at.width_m < SPAN_M - 2 * CLEAR_M
+    asset, contact, _ = grasp(name, point)
+    assert contact.width_m < SPAN_M - 2 * CLEAR_M
     for side in (-1, 1):
-        line = np.array([[0, side * (at.width_m / 2 + gap), 0] for gap in (-0.002, 0.002)])
-        assert inside(asset, apply(at.object_from_tcp, line)).tolist() == [True, False], side
+        line = np.array([[0, side * (contact.width_m / 2 + gap), 0] for gap in (-0.002, 0.002)])
+        assert inside(asset, apply(contact.object_from_tcp, line)).tolist() == [True, False], side
 
 
 @pytest.mark.parametrize(("name", "point"), GRASPS)
-def test_the_finger_tips_clear_what_lies_below(name: str, point: str) -> None:
-    asset, at, _ = grasp(name, point)
-    tips = apply(at.object_from_tcp, np.array([[0, side * SPAN_M / 2, TIP_M] for side in (-1, 1)]))
+def test_the_finger_tips_are_clear_of_the_table_and_the_asset(name: str, point: str) -> None:
+    asset, contact, _ = grasp(name, point)
+    tips = apply(contact.object_from_tcp, np.array([[0, side * SPAN_M / 2, TIP_M] for side in (-1, 1)]))
     assert tips[:, 2].min() >= CLEAR_M  # the table
     around = np.array(
         [[0, side * SPAN_M / 2, depth] for side in (-1, 1) for depth in np.linspace(0, TIP_M + CLEAR_M, 6)]
     )
-    assert not inside(asset, apply(at.object_from_tcp, around)).any()
+    assert not inside(asset, apply(contact.object_from_tcp, around)).any()
 
 
 @pytest.mark.parametrize(("name", "point"), GRASPS)
-def test_the_palm_clears_what_stands_between_the_fingers(name: str, point: str) -> None:
-    asset, at, _ = grasp(name, point)
+def test_the_palm_is_clear_of_the_asset_between_the_fingers(name: str, point: str) -> None:
+    asset, contact, _ = grasp(name, point)
     x, y = np.meshgrid(*(np.linspace(-half, half, 21) for half in PALM_HALF_M))
     depth = np.full(x.size, -PALM_M + CLEAR_M)
-    assert not inside(asset, apply(at.object_from_tcp, np.column_stack([x.ravel(), y.ravel(), depth]))).any()
+    assert not inside(
+        asset, apply(contact.object_from_tcp, np.column_stack([x.ravel(), y.ravel(), depth]))
+    ).any()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "point"), GRASPS)
-def test_the_open_gripper_comes_and_goes_freely_turned_and_tipped(name: str, point: str) -> None:
-    asset, at, _ = grasp(name, point)
-    for turn in range(at.turns):
-        for tip_deg in {-at.tip_deg, 0.0, at.tip_deg}:
-            turned = at.object_from_tcp @ about("z", 360 / at.turns * turn) @ about("y", tip_deg)
-            for back_m in (0.0, 0.01, at.standoff_m):
-                hand = gripper(turned @ transform((0, 0, -back_m)), SPAN_M / 2)
-                assert gaps_m(hand, asset, np.eye(4)).min() > MARGIN_M
-                assert min(apply(pose, piece.vertices)[:, 2].min() for piece, pose in hand) > MARGIN_M
+def test_the_open_gripper_approaches_and_retreats_without_contact_turned_and_tipped(
+    name: str, point: str
+) -> None:
+    asset, contact, _ = grasp(name, point)
+    for turn in range(contact.turns):
+        for tip_deg in {-contact.tip_deg, 0.0, contact.tip_deg}:
+            turned = contact.object_from_tcp @ about("z", 360 / contact.turns * turn) @ about("y", tip_deg)
+            for back_m in (0.0, 0.01, contact.standoff_m):
+                gripper_links = gripper(turned @ transform((0, 0, -back_m)), SPAN_M / 2)
+                assert gaps_m(gripper_links, asset, np.eye(4)).min() > MARGIN_M
+                assert (
+                    min(apply(pose, piece.vertices)[:, 2].min() for piece, pose in gripper_links) > MARGIN_M
+                )
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_gripped_by_one_hand_hangs_nearly_level(name: str) -> None:
+def test_grasp_points_are_above_the_centre_of_mass(name: str) -> None:
     asset = assets.load(name)
-    grips = [at.object_from_tcp[:2, 3] for at in asset.points.values() if at.kind == "grasp"]
+    grips = [contact.object_from_tcp[:2, 3] for contact in asset.points.values() if contact.kind == "grasp"]
     if grips:
         volumes = np.array([hull.volume for hull in asset.hulls])
         middle = np.average([hull.center_mass for hull in asset.hulls], axis=0, weights=volumes)
@@ -158,9 +167,9 @@ def test_what_is_gripped_by_one_hand_hangs_nearly_level(name: str) -> None:
 @pytest.mark.parametrize("turn", range(8))
 def test_closed_fingers_press_the_shutter_and_nothing_else(turn: int) -> None:
     asset = assets.load("camera")
-    at = asset.points["shutter"]
-    assert at.kind == "press" and at.turns == 8
-    closed = gripper(at.object_from_tcp @ about("z", 45 * turn), 0.0)
+    contact = asset.points["shutter"]
+    assert contact.kind == "press" and contact.turns == 8
+    closed = gripper(contact.object_from_tcp @ about("z", 45 * turn), 0.0)
     gaps = gaps_m(closed, asset, np.eye(4))
     tops = np.array([hull.bounds[1, 2] for hull in asset.hulls])
     button = tops == tops.max()
@@ -169,57 +178,58 @@ def test_closed_fingers_press_the_shutter_and_nothing_else(turn: int) -> None:
     assert (gaps[1:, button] > -camera.BUTTON_M).all() and (gaps[1:, button] < -0.0005).all()
 
 
-def test_three_hands_find_room_round_the_camera_on_its_plinth() -> None:
+def test_three_grippers_fit_round_the_camera_on_its_plinth() -> None:
     points = assets.load("camera").points
     below = transform((0, 0, -assets.load("plinth").points["top"].object_from_tcp[2, 3]))
-    hands = [gripper(points[name].object_from_tcp, SPAN_M / 2) for name in ("left", "right")]
-    for hand in hands:
-        assert gaps_m(hand, assets.load("plinth"), below).min() > 0.02
-    hands.append(gripper(points["shutter"].object_from_tcp, 0.0))
-    for one, other in combinations(hands, 2):
+    grippers = [gripper(points[name].object_from_tcp, SPAN_M / 2) for name in ("left", "right")]
+    for gripper_links in grippers:
+        assert gaps_m(gripper_links, assets.load("plinth"), below).min() > 0.02
+    grippers.append(gripper(points["shutter"].object_from_tcp, 0.0))
+    for one, other in combinations(grippers, 2):
         assert min(gap_m(*a, *b) for a in one for b in other) > 0.03
 
 
-def test_the_camera_looks_along_its_lens_and_the_mallet_strikes_downwards() -> None:
+def test_the_camera_points_along_its_lens_and_the_hammer_strikes_downwards() -> None:
     lens, head = assets.load("camera").points["lens"], assets.load("hammer").points["head"]
     assert lens.kind == head.kind == "tool"
     np.testing.assert_allclose(lens.object_from_tcp[:3, 2], [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(head.object_from_tcp[:3, 2], [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(head.object_from_tcp[:3, 3], [-0.02, 0, 0], atol=1e-12)
-    assert assets.load("hammer").bounds_m[1, 0] <= 0  # scenes lay it behind a line
+    assert assets.load("hammer").bounds_m[1, 0] <= 0  # scenes place it behind a line
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_asset_stands_on_a_wide_foot(name: str) -> None:
     asset = assets.load(name)
     if asset.hulls:
-        feet = asset.vertices(np.eye(4))
-        foot = ConvexHull(feet[feet[:, 2] < 1e-6, :2])
+        vertices = asset.vertices(np.eye(4))
+        foot = ConvexHull(vertices[vertices[:, 2] < 1e-6, :2])
         volumes = np.array([hull.volume for hull in asset.hulls])
         middle = np.average([hull.center_mass for hull in asset.hulls], axis=0, weights=volumes)
         assert (foot.equations @ [*middle[:2], 1]).max() < -CLEAR_M
 
 
 @pytest.mark.slow
-def test_everything_stays_where_it_is_dropped() -> None:
-    """Let fall from 3 mm, all of it upright and at rest within two seconds, the camera on its plinth."""
+def test_assets_stay_where_they_are_dropped() -> None:
+    """Dropped from 3 mm, all assets are upright and at rest within two seconds, the camera on its plinth."""
     built = {name: assets.load(name) for name in NAMES}
-    # What hangs on a hinge has no place of its own.
+    # Hinged assets have no independent position.
     movable = [
         name for name, asset in built.items() if not (asset.static or asset.visual_only or asset.hinge)
     ]
-    high = {name: 0.003 for name in movable} | {"camera": 0.123}
-    spread = {name: (0.9 * (k % 3) - 0.6, 0.5 * (k // 3) - 0.9) for k, name in enumerate(movable)}
+    heights_m = {name: 0.003 for name in movable} | {"camera": 0.123}
+    positions_m = {name: (0.9 * (k % 3) - 0.6, 0.5 * (k // 3) - 0.9) for k, name in enumerate(movable)}
     objects = {
-        name: ObjectSpec(name, (x, x), (y, y), high[name], (30.0, 30.0)) for name, (x, y) in spread.items()
+        name: ObjectSpec(name, (x, x), (y, y), heights_m[name], (30.0, 30.0))
+        for name, (x, y) in positions_m.items()
     }
-    x, y = spread["camera"]
+    x, y = positions_m["camera"]
     objects["plinth"] = ObjectSpec("plinth", (x, x), (y, y), 0.0, (30.0, 30.0))
-    views, drawn = (
+    cameras, randomisation = (
         {"global": CameraSpec(), "agent1": CameraSpec()},
         Randomisation(**default_of("randomisation")),
     )
-    task = Task("drop", "", "", "", (RobotSpec(-1.0, 1.2, 0.0),), objects, views, {}, drawn)
+    task = Task("drop", "", "", "", (RobotSpec(-1.0, 1.2, 0.0),), objects, cameras, {}, randomisation)
     with Simulator(task, render=False) as simulator:
         start = simulator.reset(0)
         for _ in range(40):
@@ -231,9 +241,9 @@ def test_everything_stays_where_it_is_dropped() -> None:
         assert scene.speeds[name] < 0.005, name
 
 
-def test_a_cube_comes_in_three_colours_and_in_sizes_that_the_hand_fits() -> None:
-    looks = {colour: assets.load("cube", {"colour": colour}) for colour in ("blue", "red", "green")}
-    assert len({cube.parts[1].colour for cube in looks.values()}) == 3
+def test_a_cube_has_three_colours_and_sizes_that_fit_the_gripper() -> None:
+    cubes = {colour: assets.load("cube", {"colour": colour}) for colour in ("blue", "red", "green")}
+    assert len({cube.parts[1].colour for cube in cubes.values()}) == 3
     small = assets.load("cube", {"half_m": 0.015})
     assert small.points["top"].object_from_tcp[2, 3] == pytest.approx(0.03)
     with pytest.raises(ArgumentError, match=r"'pink'; available: blue, green, red"):
@@ -244,7 +254,7 @@ def test_a_cube_comes_in_three_colours_and_in_sizes_that_the_hand_fits() -> None
         assets.load("cube", {"sheen": 1.0})
 
 
-def test_the_barrier_is_gripped_where_the_release_grips_it() -> None:
+def test_the_grasp_points_of_the_barrier_are_those_of_the_release() -> None:
     points = assets.load("barrier").points
     np.testing.assert_allclose(points["left"].object_from_tcp[:3, 3], [-0.222, 0, 0.074])
     np.testing.assert_allclose(points["right"].object_from_tcp[:3, 3], [0.222, 0, 0.074])
@@ -252,21 +262,21 @@ def test_the_barrier_is_gripped_where_the_release_grips_it() -> None:
 
 
 def test_the_lid_rests_on_the_rim_and_cannot_slide_off() -> None:
-    free = pot.INNER_M * np.cos(np.pi / pot.WALLS)  # the opening is a polygon
-    assert lid.PLUG_TOP_M < free < pot.OUTER_M
+    opening_m = pot.INNER_M * np.cos(np.pi / pot.WALLS)  # the opening is a polygon
+    assert lid.PLUG_TOP_M < opening_m < pot.OUTER_M
     on_pot = assets.load("lid").vertices(transform((0, 0, lid.SEAT_Z_M)))
     plug = on_pot[:, 2] < pot.HEIGHT_M - 1e-9
-    assert plug.any() and np.hypot(*on_pot[plug, :2].T).max() < free
+    assert plug.any() and np.hypot(*on_pot[plug, :2].T).max() < opening_m
     assert read_task("place_food").objects["lid"].z_m == pytest.approx(lid.SEAT_Z_M)
 
 
-def test_the_steak_fits_the_pot_in_the_hand() -> None:
-    """It falls through the opening at any turn, and the palm stays above the rim when it is let go."""
-    food, held = assets.load("steak"), assets.load("steak").points["center"].object_from_tcp[2, 3]
-    free = pot.INNER_M * np.cos(np.pi / pot.WALLS)
-    assert np.hypot(*food.vertices(np.eye(4))[:, :2].T).max() < free - 0.02
+def test_the_steak_fits_the_pot_with_its_gripper() -> None:
+    """The steak fits through the opening at any rotation, and the palm stays above the rim at its release."""
+    steak_asset, held = assets.load("steak"), assets.load("steak").points["center"].object_from_tcp[2, 3]
+    opening_m = pot.INNER_M * np.cos(np.pi / pot.WALLS)
+    assert np.hypot(*steak_asset.vertices(np.eye(4))[:, :2].T).max() < opening_m - 0.02
     fingers_m = SPAN_M / 2 + 0.026  # the widest part of an open finger
-    assert np.hypot(fingers_m, 0.011) < free - CLEAR_M
+    assert np.hypot(fingers_m, 0.011) < opening_m - CLEAR_M
     place = assets.load("pot").points["inside"]
     assert place.kind == "drop"
     assert place.object_from_tcp[2, 3] + held + PALM_M > pot.HEIGHT_M + CLEAR_M
@@ -283,18 +293,20 @@ def test_the_stem_of_a_cup_is_held_from_all_sides_and_a_cube_falls_in() -> None:
     directions = np.unwrap(np.arctan2(towards[:, 1], towards[:, 0]))
     np.testing.assert_allclose(np.diff(directions), 2 * np.pi / cup.AROUND)
     for pose in stem.equivalent_poses:
-        hand = gripper(pose, SPAN_M / 2)
-        assert gaps_m(hand, asset, np.eye(4)).min() > MARGIN_M
-        assert min(apply(at, piece.vertices)[:, 2].min() for piece, at in hand) > MARGIN_M
+        gripper_links = gripper(pose, SPAN_M / 2)
+        assert gaps_m(gripper_links, asset, np.eye(4)).min() > MARGIN_M
+        assert (
+            min(apply(link_pose, piece.vertices)[:, 2].min() for piece, link_pose in gripper_links) > MARGIN_M
+        )
     cube = assets.load("cube").vertices(np.eye(4))
     largest_m, smallest_m = 1.15 * np.hypot(*cube[:, :2].T).max(), 0.85 * cup.INNER_M
-    assert largest_m + 0.004 < smallest_m * np.cos(np.pi / cup.WALLS)  # of all sizes that are drawn
+    assert largest_m + 0.004 < smallest_m * np.cos(np.pi / cup.WALLS)  # for all randomised sizes
     tips_m = assets.load("cube").points["center"].object_from_tcp[2, 3] - TIP_M
     assert asset.points["inside"].object_from_tcp[2, 3] + tips_m > cup.RIM_M + 2 * CLEAR_M
 
 
-def test_what_has_no_symmetry_is_what_it_was() -> None:
-    """The digest of an asset tells of turns about its own axis only where there are some."""
+def test_symmetry_changes_the_digest_only_where_there_is_one() -> None:
+    """The digest of an asset contains its rotational symmetry only where it has one."""
     plain = assets.load("cube")
     assert all(len(point.equivalent_poses) == 1 for point in plain.points.values())
     points = {name: replace(point, around=4) for name, point in plain.points.items()}

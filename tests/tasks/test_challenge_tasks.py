@@ -1,4 +1,4 @@
-"""The tasks of the MARS challenge: what counts, and what its release got wrong."""
+"""The tasks of the MARS challenge: success criteria, and errors in its release."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +26,8 @@ RELEASE_LIMITS = {
 NAMES = tuple(RELEASE_LIMITS)
 
 
-def solved(name: str) -> tuple[Task, Scene, Scene]:
-    """A task, its first start, and a scene in which it is solved."""
+def solved_scene(name: str) -> tuple[Task, Scene, Scene]:
+    """A task, its start scene of seed 0, and a scene in which it is solved."""
     task = read_task(name)
     start = start_scene(task, 0)
     poses, held = dict(start.poses), list(start.held)
@@ -51,13 +51,13 @@ def solved(name: str) -> tuple[Task, Scene, Scene]:
 
 
 def verdict(task: Task, start: Scene, scene: Scene, steps: int = 20):
-    """The last of so many verdicts on a scene that stays as it is."""
+    """The last of `steps` verdicts on a constant scene."""
     judge = SuccessEvaluator(task, start)
     return [judge(replace(scene, step=step)) for step in range(steps)][-1]
 
 
-def moved(scene: Scene, name: str, by) -> Scene:
-    return replace(scene, poses={**scene.poses, name: by @ scene.poses[name]})
+def moved(scene: Scene, name: str, transformation) -> Scene:
+    return replace(scene, poses={**scene.poses, name: transformation @ scene.poses[name]})
 
 
 def held(scene: Scene, *names: str | None) -> Scene:
@@ -74,8 +74,8 @@ def ajar(scene: Scene, hinge_rad: float) -> Scene:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_solved_succeeds_once_it_has_lasted_and_nothing_is_left_to_do(name: str) -> None:
-    task, start, scene = solved(name)
+def test_a_solved_scene_succeeds_after_the_hold_time_and_has_an_empty_plan(name: str) -> None:
+    task, start, scene = solved_scene(name)
     hold = int(task.success["hold_steps"])
     assert not verdict(task, start, scene, hold - 1).success
     found = verdict(task, start, scene, hold)
@@ -124,18 +124,18 @@ def test_what_is_solved_succeeds_once_it_has_lasted_and_nothing_is_left_to_do(na
         ),
     ],
 )
-def test_what_is_only_nearly_solved_does_not(name: str, change, missing: set[str]) -> None:
-    task, start, scene = solved(name)
+def test_a_nearly_solved_scene_does_not_succeed(name: str, change, missing: set[str]) -> None:
+    task, start, scene = solved_scene(name)
     found = verdict(task, start, change(scene))
     assert not found.success
     assert {label for label, holds in found.evidence.items() if not holds} == missing
 
 
 def test_a_cup_may_stand_but_not_lie() -> None:
-    task, start, scene = solved("place_cube_in_cup")
+    task, start, scene = solved_scene("place_cube_in_cup")
     down = transform((0.0, 0.0, -0.03))
-    stands = held(moved(moved(scene, "cup", down), "cube", down), None, None)
-    assert verdict(task, start, stands).success
+    standing = held(moved(moved(scene, "cup", down), "cube", down), None, None)
+    assert verdict(task, start, standing).success
     tilted = replace(scene, poses={**scene.poses, "cup": scene.poses["cup"] @ about("x", 15.0)})
     found = verdict(task, start, tilted)
     assert not found.evidence["cup upright"] and found.success_paper  # the release allows 70 degrees
@@ -143,66 +143,66 @@ def test_a_cup_may_stand_but_not_lie() -> None:
 
 @pytest.mark.parametrize("agent", range(4))
 @pytest.mark.parametrize("cube", ["blue", "red"])
-def test_not_held_is_asked_of_all_four_arms(cube: str, agent: int) -> None:
-    """The release asks it of two: of the arms that it has pass and place that cube."""
-    task, start, scene = solved("four_robots_stack_cube")
-    hands: list[str | None] = [None] * 4
-    hands[agent] = cube
-    found = verdict(task, start, held(scene, *hands))
+def test_released_applies_to_all_four_arms(cube: str, agent: int) -> None:
+    """The release checks only two: the arms that pass and place that cube."""
+    task, start, scene = solved_scene("four_robots_stack_cube")
+    held_objects: list[str | None] = [None] * 4
+    held_objects[agent] = cube
+    found = verdict(task, start, held(scene, *held_objects))
     assert not found.success and not found.evidence["released"]
     assert found.success_paper == ((agent % 2 == 0) != (cube == "blue"))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_expert_is_done_long_before_the_limit(name: str) -> None:
-    """In the release the limit of Four Robots Stack Cube, 800 control steps, is shorter than its expert."""
+    """In the release the limit of Four Robots Stack Cube, 800 control steps, is too short for its expert."""
     rows = read_rows(RESULTS / f"{name}{PUBLISHED}", GenerationRow)
     longest = max(row.steps for row in rows if row.success)
     assert longest < 0.8 * read_task(name).step_limit
     assert fmean(row.steps for row in rows if row.success) < RELEASE_LIMITS[name]
 
 
-def test_a_success_between_two_looks_of_a_policy_counts() -> None:
-    """The release looks once a chunk of actions; here each control step is judged."""
-    task, start, scene = solved("four_robots_stack_cube")
+def test_a_success_within_a_chunk_of_a_policy_counts() -> None:
+    """The release judges once per chunk of actions; here each control step is judged."""
+    task, start, scene = solved_scene("four_robots_stack_cube")
     judge, hold = SuccessEvaluator(task, start), int(task.success["hold_steps"])
-    assert hold < 6  # control steps of a chunk there
+    assert hold < 6  # control steps per chunk in the release
     found = [judge(replace(scene, step=step)).success for step in range(hold)]
     assert found == [False] * (hold - 1) + [True]
 
 
-def test_a_cube_is_passed_on_from_where_it_is() -> None:
-    """By its giver where it starts, by the taker alone where it changes hands, and by who holds it."""
-    task, start, _ = solved("four_robots_stack_cube")
+def test_a_handover_continues_from_the_place_of_the_cube() -> None:
+    """From its start by giver and taker; at the handover place, or held by the taker, by the taker alone."""
+    task, start, _ = solved_scene("four_robots_stack_cube")
 
     def movers(scene: Scene) -> set[int]:
         return {each.agent for each in task.module.plan(scene, task).subgoals if each.object == "blue"}
 
     assert movers(start) == {1, 3}
-    there = replace(start, poses={**start.poses, "blue": task.places(start)["stop1"]})
-    assert movers(there) == {3}
-    assert movers(held(there, "blue", None, None, None)) == {1, 3}
+    handed_over = replace(start, poses={**start.poses, "blue": task.places(start)["stop1"]})
+    assert movers(handed_over) == {3}
+    assert movers(held(handed_over, "blue", None, None, None)) == {1, 3}
     assert movers(held(start, None, None, "blue", None)) == {3}
 
 
-def test_the_lid_waits_for_the_shoes_that_are_left() -> None:
-    """One shoe in the box leaves the other one and the lid to do, both the lid alone."""
-    task, start, scene = solved("three_robots_place_shoes")
+def test_the_lid_waits_for_the_remaining_shoes() -> None:
+    """With one shoe in the box, the other shoe and the lid remain; with both, only the lid."""
+    task, start, scene = solved_scene("three_robots_place_shoes")
 
-    def left(scene: Scene) -> list[str]:
+    def remaining(scene: Scene) -> list[str]:
         return [each.text for each in task.module.plan(scene, task).subgoals]
 
     shut, fetch = ["shut lid at top"], ["grasp right_shoe at center", "place right_shoe to box at right"]
-    open_ = replace(scene, poses={**scene.poses, "lid": start.poses["lid"]})
-    assert left(open_) == shut
-    outside = replace(open_, poses={**open_.poses, "right_shoe": start.poses["right_shoe"]})
-    assert left(outside) == [*fetch, *shut] and len(left(start)) == 5
+    opened = replace(scene, poses={**scene.poses, "lid": start.poses["lid"]})
+    assert remaining(opened) == shut
+    outside = replace(opened, poses={**opened.poses, "right_shoe": start.poses["right_shoe"]})
+    assert remaining(outside) == [*fetch, *shut] and len(remaining(start)) == 5
     orders = [each for each in task.module.plan(outside, task).constraints if isinstance(each, Before)]
     assert orders == [Before(Step(2, "place", "right_shoe"), Step(3, "shut", "lid"))]
 
 
 def test_the_release_counts_shoes_that_stand_on_the_rim_of_the_box() -> None:
-    """Below 8 cm and within 14 cm of the middle is not inside."""
-    task, start, scene = solved("three_robots_place_shoes")
+    """The release only requires shoes below 8 cm and within 14 cm of the middle of the box."""
+    task, start, scene = solved_scene("three_robots_place_shoes")
     found = verdict(task, start, moved(scene, "left_shoe", transform((-0.06, 0.0, 0.05))))
     assert found.success_paper and not found.success

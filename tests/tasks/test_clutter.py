@@ -1,4 +1,4 @@
-"""Clutter: laws over all tasks of what a seed draws, and of the task of its scene."""
+"""Clutter: properties of the draws of a seed, and of the task of its scene, for all tasks."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -22,8 +22,8 @@ def outline(piece):
 
 
 @pytest.mark.slow
-def test_clutter_stands_off_what_a_task_is_about(task: Task) -> None:
-    """Whatever the seed of the objects: their whole ranges are free, and so are places, bases and hands."""
+def test_clutter_is_apart_from_the_objects_of_a_task(task: Task) -> None:
+    """For any seed of the objects: their whole ranges are free, and so are places, bases and grippers."""
     starts = [task.start(seed) for seed in range(20)]
     for seed in SEEDS:
         scene = replace(task, variation=CLUTTER).in_scene(seed)
@@ -36,38 +36,38 @@ def test_clutter_stands_off_what_a_task_is_about(task: Task) -> None:
             for name, pose in start.poses.items():
                 asset = task.asset(name)
                 within = np.concatenate([part.mesh.vertices for part in asset.parts]) @ pose[:3, :3].T
-                mine = MultiPoint(within[:, :2] + pose[:2, 3]).convex_hull
-                assert all(each.distance(mine) >= 0.9 * MARGIN_M for each in outlines)
+                object_outline = MultiPoint(within[:, :2] + pose[:2, 3]).convex_hull
+                assert all(each.distance(object_outline) >= 0.9 * MARGIN_M for each in outlines)
         for robot in task.robots:
             assert all(each.distance(Point(robot.x_m, robot.y_m)) > 0.2 for each in outlines)
 
 
 @pytest.mark.slow
-def test_clutter_is_in_the_way_and_nothing_is_at_the_start(task: Task) -> None:
+def test_clutter_is_an_obstacle_and_arms_start_clear_of_it(task: Task) -> None:
     for variation in (CLUTTER, INSTANCES, replace(CLUTTER, object_size=(1.5, 1.5))):
         for seed in SEEDS[:2]:
             scene = replace(task, variation=variation).in_scene(seed)
             world = PlanningScene(scene, scene.start(seed).scene)
-            still = world.static_objects()
-            assert {*scene.clutter} <= {*still.labels}
+            static_body = world.static_objects()
+            assert {*scene.clutter} <= {*static_body.labels}
             for agent in scene.agents:
-                assert not closer_than(world.measured(agent), still, 0.0).any(), (seed, agent)
+                assert not closer_than(world.measured(agent), static_body, 0.0).any(), (seed, agent)
 
 
 @pytest.mark.slow
-def test_an_arm_that_reaches_into_clutter_meets_it() -> None:
+def test_an_arm_that_reaches_into_clutter_is_in_collision() -> None:
     task = replace(read_task("pick_meat"), variation=replace(CLUTTER, clutter=(10, 10))).in_scene(0)
     scene = task.start(0).scene
     name, piece = next(iter(task.clutter.items()))
-    hand = task.arms[1].tcp(task.robots[0].rest_qpos)[:3, 3]
-    there = piece.world_from_object.copy()
-    there[:3, 3] = hand[0], hand[1], hand[2] - 0.02
-    world = PlanningScene(task, replace(scene, clutter={**scene.clutter, name: there}))
+    gripper_m = task.arms[1].tcp(task.robots[0].rest_qpos)[:3, 3]
+    pose = piece.world_from_object.copy()
+    pose[:3, 3] = gripper_m[0], gripper_m[1], gripper_m[2] - 0.02
+    world = PlanningScene(task, replace(scene, clutter={**scene.clutter, name: pose}))
     gap = nearest(world.measured(1), world.static_objects())
     assert gap is not None and gap.distance_m < 0 and gap.b == name
 
 
-def test_what_is_not_an_object_is_not_spoken_of(task: Task) -> None:
+def test_clutter_is_not_in_vocabulary_and_poses(task: Task) -> None:
     scene = replace(task, variation=CLUTTER).in_scene(1)
     assert scene.clutter and scene.vocabulary == task.vocabulary
     assert {*scene.start(1).poses} == {*task.objects} == {*scene.objects}
@@ -76,21 +76,21 @@ def test_what_is_not_an_object_is_not_spoken_of(task: Task) -> None:
 
 
 @pytest.mark.slow
-def test_a_scene_says_what_has_found_no_place() -> None:
+def test_a_scene_reports_clutter_without_a_place() -> None:
     task = read_task("lift_barrier")
     crowded = replace(task, variation=Variation("x", clutter=(10, 10), clutter_area_m=(0.34, 0.59)))
     drawn = [scene_draws(crowded, seed) for seed in SEEDS]
     assert any(each["clutter_left_out"] for each in drawn)
     for seed, each in zip(SEEDS, drawn, strict=True):
         assert len(each["clutter"]) + each["clutter_left_out"] == 10
-        there = crowded.in_scene(seed).clutter
+        pieces = crowded.in_scene(seed).clutter
         assert {name: one["x_m"] for name, one in each["clutter"].items()} == {
-            name: piece.x_m for name, piece in there.items()
+            name: piece.x_m for name, piece in pieces.items()
         }
     assert drawn == [scene_draws(crowded, seed) for seed in SEEDS]
 
 
-def test_no_file_says_where_clutter_stands() -> None:
+def test_clutter_cannot_be_configured_in_task_files() -> None:
     with pytest.raises(ArgumentError, match="task 'pick_meat': unknown field clutter"):
         load_task("pick_meat", {"name": "pick_meat", "clutter": {}})
 
@@ -100,11 +100,11 @@ def test_evaluation_has_other_shapes_in_other_colours() -> None:
     assert INSTANCES.held_out is INSTANCES
     assert not {*CLUTTER_KINDS["seen"]} & {*CLUTTER_KINDS["unseen"]}
     kinds, hues = {}, {}
-    for of in CLUTTER_KINDS:
-        pieces = [random_piece(of, np.random.default_rng(seed)) for seed in range(300)]
-        kinds[of] = {piece.kind for piece in pieces}
-        hues[of] = {int(_hue(colour) // 60) for piece in pieces for colour in piece.colours}
-        assert kinds[of] == {*CLUTTER_KINDS[of]}
+    for clutter_set in CLUTTER_KINDS:
+        pieces = [random_piece(clutter_set, np.random.default_rng(seed)) for seed in range(300)]
+        kinds[clutter_set] = {piece.kind for piece in pieces}
+        hues[clutter_set] = {int(_hue(colour) // 60) for piece in pieces for colour in piece.colours}
+        assert kinds[clutter_set] == {*CLUTTER_KINDS[clutter_set]}
     assert hues == {"seen": {0, 2, 4}, "unseen": {1, 3, 5}}
 
 
@@ -115,7 +115,7 @@ def _hue(colour) -> float:
 
 
 @pytest.mark.parametrize(("of", "kind"), [(of, kind) for of in CLUTTER_KINDS for kind in CLUTTER_KINDS[of]])
-def test_pieces_are_convex_and_stand(of: str, kind: str) -> None:
+def test_pieces_are_convex_and_stable(of: str, kind: str) -> None:
     _, least, most = CLUTTER_KINDS[of][kind]
     for size in (least, most):
         asset = clutter_asset(of, kind, size, (0.5, 0.1, 0.1), (0.1, 0.1, 0.5))
@@ -146,7 +146,7 @@ def test_pieces_are_convex_and_stand(of: str, kind: str) -> None:
         ),
     ],
 )
-def test_a_range_that_is_not_possible_is_told(changes, said) -> None:
+def test_an_impossible_range_is_reported(changes, said) -> None:
     with pytest.raises(ArgumentError) as error:
         Variation(**changes)
     assert str(error.value) == said

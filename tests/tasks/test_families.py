@@ -1,4 +1,4 @@
-"""Families: tasks whose number of arms and of things is a key."""
+"""Families: tasks whose numbers of arms and objects are keys."""
 
 from itertools import combinations, product
 from pathlib import Path
@@ -21,17 +21,17 @@ from tests.conftest import CONF, TASKS, experiment
 from tests.scenes import start_scene
 
 FAMILIES = {path.stem: path for path in sorted((CONF / "task" / "family").glob("*.yaml"))}
-MOST_CUBES = 8  # of a tower
+MAX_CUBES = 8  # per tower
 
 
 def members() -> list[str]:
-    """Every number of arms, with the fewest things and with the most that fit."""
+    """Every number of arms, with the fewest objects and with the most that fit."""
     found = []
     for family, path in FAMILIES.items():
         node = OmegaConf.load(path)[family]  # pyright: ignore[reportArgumentType]
         for arms in range(node.arms.least, node.arms.most + 1):
-            most = node.things.most if family != "tower" else min(node.things.most, MOST_CUBES // arms)
-            found += [f"{family}_{arms}x{things}" for things in sorted({node.things.least, most})]
+            max_things = node.things.most if family != "tower" else min(node.things.most, MAX_CUBES // arms)
+            found += [f"{family}_{arms}x{things}" for things in sorted({node.things.least, max_things})]
     return found
 
 
@@ -41,14 +41,14 @@ def member(name: str) -> Task:
     return task
 
 
-def test_the_families_are_there() -> None:
+def test_the_package_has_five_families() -> None:
     assert list(FAMILIES) == ["chain", "lift", "pool", "ring", "tower"]
     assert len(members()) == 60
 
 
 @pytest.mark.parametrize("name", members())
-def test_a_member_is_a_task_like_any_other(name: str) -> None:
-    """It starts with its arms apart and nothing done, and its plan names what there is and is understood."""
+def test_a_member_is_a_valid_task(name: str) -> None:
+    """It starts unsolved with its arms apart; its plan is understood and names what exists in the task."""
     task = member(name)
     assert task.name == name and len(task.robots) == int(name.split("_")[1].split("x")[0])
     scene = start_scene(task, 0)
@@ -58,7 +58,7 @@ def test_a_member_is_a_task_like_any_other(name: str) -> None:
     assert not SuccessEvaluator(task, scene)(scene).success
     limits = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).limits
     proposal = allocate_jobs(task.module.plan(scene, task), task, scene, limits)
-    if len(task.objects) > 2:  # one thing is taken by one arm of the pool
+    if len(task.objects) > 2:  # in a pool with one object, one arm takes it
         assert {subgoal.agent for subgoal in proposal.subgoals} == set(task.agents)
     for subgoal in proposal.subgoals:
         assert subgoal.object in task.objects
@@ -70,7 +70,7 @@ def test_a_member_is_a_task_like_any_other(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["chain_2x2", "lift_1x1", "lift_3x1", "pool_3x4", "ring_2x2", "tower_2x2"])
-def test_the_expert_does_it(name: str) -> None:
+def test_the_expert_succeeds(name: str) -> None:
     settings = Settings.configured(member(name), ConstraintSet("full"), ScriptedSpec())
     outcome = make_episode(settings, NO_PICTURES, 0)
     assert outcome.success and outcome.contacts == 0 and outcome.attempts == 1, outcome.reason
@@ -81,19 +81,19 @@ def test_seeds_differ_and_repeat() -> None:
     assert np.array_equal(starts[0], starts[1]) and not np.array_equal(starts[0], starts[2])
 
 
-def test_numbers_are_keys_of_the_command() -> None:
+def test_numbers_are_keys_of_the_command_line() -> None:
     assert [task.name for task in experiment("task=ring", "arms=6", "things=2").tasks] == ["ring_6x2"]
-    both = experiment("task=[ring,tower]", "arms=3").tasks
-    assert [task.name for task in both] == ["ring_3x1", "tower_3x1"]
+    tasks = experiment("task=[ring,tower]", "arms=3").tasks
+    assert [task.name for task in tasks] == ["ring_3x1", "tower_3x1"]
     assert [task.name for task in experiment("task=lift").tasks] == ["lift_4x1"]
     assert experiment("task=ring", "task.ring.success.goal_m=0.01").tasks[0].success["goal_m"] == 0.01
 
 
-def test_all_tasks_are_those_of_files_alone() -> None:
+def test_task_all_has_no_members_of_families() -> None:
     assert {task.name for task in experiment("task=all").tasks} == set(TASKS)
 
 
-def test_a_store_finds_its_member_again() -> None:
+def test_the_task_of_a_store_is_found() -> None:
     task = member("chain_3x2")
     identity = {"task": task.name, "scene": plain(task.identity)}
     assert stored_task(identity, CONFIGURED) == task
@@ -127,13 +127,13 @@ def test_an_environment_is_made_by_name() -> None:
         ),
     ],
 )
-def test_numbers_that_do_not_fit(overrides: tuple[str, ...], message: str) -> None:
+def test_impossible_numbers_are_refused(overrides: tuple[str, ...], message: str) -> None:
     with pytest.raises(ArgumentError) as error:
         experiment(*overrides)
     assert str(error.value) == message
 
 
-def test_a_layout_with_a_key_too_many(tmp_path: Path) -> None:
+def test_an_unknown_key_of_a_layout_is_refused(tmp_path: Path) -> None:
     node: Any = OmegaConf.to_container(OmegaConf.load(FAMILIES["lift"]))
     node["lift"]["layout"]["radius"] = 1.0
     with pytest.raises(ArgumentError, match=r"task 'lift': layout: .* unexpected keyword argument 'radius'"):

@@ -1,4 +1,4 @@
-"""Where the steak belongs: in front of the camera as it will be held."""
+"""The goal of the steak: in front of the camera at its final height."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ PHOTO = read_task("take_photo")
 
 
 def lifted(height_m: float, held: tuple[str | None, ...] = ("camera", "camera", "steak", None)):
-    """A scene with the underside of the camera at a height, the steak as it lay."""
+    """A scene with the underside of the camera at a height and the steak at its start."""
     scene = start_scene(PHOTO, 0)
     camera = scene.poses["camera"].copy()
     camera[2, 3] = height_m
@@ -21,17 +21,17 @@ def lifted(height_m: float, held: tuple[str | None, ...] = ("camera", "camera", 
 
 
 @pytest.mark.parametrize(("height_m", "further_m"), [(0.12, 0.10), (0.19, 0.03), (0.206, 0.0), (0.24, 0.0)])
-def test_the_place_in_front_is_where_the_camera_will_look(height_m, further_m):
+def test_the_place_in_front_is_on_the_final_optical_axis(height_m, further_m):
     scene = lifted(height_m)
     lifts = [each.height_m for each in held_camera.camera_up(scene, PHOTO)]
     assert lifts == ([pytest.approx(further_m)] * 2 if further_m else [])
-    there = replace(scene, poses={**scene.poses, "steak": held_camera.places(scene, PHOTO)["front"]})
-    off_m = np.tan(np.deg2rad(held_camera.aim_deg(there, PHOTO))) * held_camera.STEAK_DISTANCE_M
+    placed = replace(scene, poses={**scene.poses, "steak": held_camera.places(scene, PHOTO)["front"]})
+    off_m = np.tan(np.deg2rad(held_camera.aim_deg(placed, PHOTO))) * held_camera.STEAK_DISTANCE_M
     assert off_m == pytest.approx(further_m, abs=1e-6)
-    assert bool(held_camera.steak_in_front(there, PHOTO)) == (further_m > 0.02)
+    assert bool(held_camera.steak_in_front(placed, PHOTO)) == (further_m > 0.02)
 
 
-def test_a_camera_that_is_not_in_both_hands_is_still_to_be_lifted():
+def test_a_camera_that_only_one_arm_holds_is_still_to_be_lifted():
     scene = lifted(0.24, (None, "camera", "steak", None))
     verbs = [(each.agent, each.verb) for each in held_camera.camera_up(scene, PHOTO)]
     assert verbs == [(1, "grasp"), (1, "lift"), (2, "lift")]

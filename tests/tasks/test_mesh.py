@@ -1,4 +1,4 @@
-"""Assets made of a user's own mesh and its annotation."""
+"""Assets from a user's own mesh and its annotation."""
 
 import sys
 from pathlib import Path
@@ -16,15 +16,15 @@ from rf_exp.tasks.assets.asset import mesh
 POINT = {"kind": "grasp", "position_m": [0, 0, 0.02], "approach": [0, 0, -1]}
 
 
-def annotate(folder: Path, shape: trimesh.Trimesh | trimesh.Scene, suffix: str = ".stl", **said) -> str:
-    """Write a mesh and its annotation; the path of the annotation."""
+def annotate(folder: Path, shape: trimesh.Trimesh | trimesh.Scene, suffix: str = ".stl", **fields) -> str:
+    """Writes a mesh and its annotation; returns the path of the annotation."""
     shape.export(folder / f"thing{suffix}")
-    return note(folder, {"mesh": f"thing{suffix}", "mass_kg": 0.2, **said})
+    return write_annotation(folder, {"mesh": f"thing{suffix}", "mass_kg": 0.2, **fields})
 
 
-def note(folder: Path, said: object) -> str:
+def write_annotation(folder: Path, content: object) -> str:
     path = folder / "thing.yaml"
-    path.write_text(yaml.safe_dump(said))
+    path.write_text(yaml.safe_dump(content))
     return str(path)
 
 
@@ -35,7 +35,7 @@ def box(height_m: float = 0.04) -> trimesh.Trimesh:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in assets.available() if not assets.load(name).visual_only])
-def test_a_built_in_asset_comes_back_from_its_own_mesh_and_annotation(
+def test_a_built_in_asset_is_restored_from_its_exported_mesh_and_annotation(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / f"{name}.yaml"
@@ -48,15 +48,15 @@ def test_a_built_in_asset_comes_back_from_its_own_mesh_and_annotation(
     assert (own.mass_kg, own.heaviest_kg) == (built_in.mass_kg, built_in.heaviest_kg)
     assert own.static == built_in.static and list(own.points) == list(built_in.points)
     for point, expected in built_in.points.items():
-        got = own.points[point]
-        np.testing.assert_allclose(got.object_from_tcp, expected.object_from_tcp, atol=2e-6)
-        for said in ("kind", "standoff_m", "width_m", "turns", "tip_deg", "slack_m"):
-            assert getattr(got, said) == getattr(expected, said)
+        actual = own.points[point]
+        np.testing.assert_allclose(actual.object_from_tcp, expected.object_from_tcp, atol=2e-6)
+        for field in ("kind", "standoff_m", "width_m", "turns", "tip_deg", "slack_m"):
+            assert getattr(actual, field) == getattr(expected, field)
     np.testing.assert_allclose(own.bounds_m, built_in.bounds_m, atol=1e-6)
-    seen = [part for part in own.parts if part.visible]
+    visible = [part for part in own.parts if part.visible]
     for part in built_in.parts:
-        assert any(np.allclose(part.colour, other.colour, atol=0.003) for other in seen)
-    # What was paint is solid now, less than a millimetre thick.
+        assert any(np.allclose(part.colour, other.colour, atol=0.003) for other in visible)
+    # Parts that were only visual are solid now, less than a millimetre thick.
     for hull in built_in.hulls:
         assert any(np.allclose(hull.bounds, other.bounds, atol=1e-6) for other in own.hulls)
     assert all(hull.is_convex and len(hull.vertices) <= 255 for hull in own.hulls)
@@ -72,7 +72,7 @@ def test_every_format_gives_the_same_body(suffix: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(asset.bounds_m, [[-0.03, -0.02, 0], [0.03, 0.02, 0.04]], atol=1e-6)
     (solid,) = asset.hulls
     assert solid.volume == pytest.approx(0.06 * 0.04 * 0.04, rel=1e-4)
-    if suffix != ".stl":  # which knows no colour
+    if suffix != ".stl":  # STL has no colours
         assert [part.colour for part in asset.parts if part.visible] == [pytest.approx((1, 0, 0), abs=0.01)]
 
 
@@ -89,8 +89,8 @@ def test_a_bowl_stays_hollow_and_is_cut_the_same_way_each_time(tmp_path: Path) -
         assert not hull.contains([[0, 0, 0.02]]).any()
     for one, other in zip(asset.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(one.vertices, other.vertices)
-    (seen,) = [part for part in asset.parts if part.visible]
-    assert not seen.solid and len(seen.mesh.faces) == len(ring.faces)
+    (visible,) = [part for part in asset.parts if part.visible]
+    assert not visible.solid and len(visible.mesh.faces) == len(ring.faces)
 
 
 def test_points_can_be_those_of_a_built_in_asset_with_changes(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_points_can_be_those_of_a_built_in_asset_with_changes(tmp_path: Path) ->
         ({"frame": {"position_m": [0, 0, 0.1]}}, r"at z = 0.1000 m; expected 0: add -0.1000"),
     ],
 )
-def test_what_is_wrong_in_an_annotation_is_said(said: dict, complaint: str, tmp_path: Path) -> None:
+def test_errors_in_annotations_are_reported(said: dict, complaint: str, tmp_path: Path) -> None:
     (tmp_path / "noise.stl").write_bytes(b"no mesh at all")
     with pytest.raises(ArgumentError, match=complaint) as error:
         assets.load(annotate(tmp_path, box(), **said))
@@ -136,13 +136,13 @@ def test_a_mesh_with_a_hole_is_refused(tmp_path: Path) -> None:
         assets.load(annotate(tmp_path, shape))
 
 
-def test_what_is_no_annotation_is_refused(tmp_path: Path) -> None:
+def test_invalid_annotation_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match=r"there is no annotation file .*gone\.yaml"):
         assets.load(str(tmp_path / "gone.yaml"))
     with pytest.raises(ArgumentError, match="expected fields and their values"):
-        assets.load(note(tmp_path, ["mesh"]))
+        assets.load(write_annotation(tmp_path, ["mesh"]))
     (tmp_path / "odd.yaml").write_text("mesh: [")
     with pytest.raises(ArgumentError, match=r"odd\.yaml cannot be read"):
         assets.load(str(tmp_path / "odd.yaml"))
     with pytest.raises(ArgumentError, match='missing value for field "mass_kg"'):
-        assets.load(note(tmp_path, {"mesh": "thing.stl"}))
+        assets.load(write_annotation(tmp_path, {"mesh": "thing.stl"}))

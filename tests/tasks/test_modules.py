@@ -1,4 +1,4 @@
-"""Task modules are short, and none repeats another: what two tasks share has a name of its own."""
+"""Task modules are short and free of duplicated code, which belongs in shared modules."""
 
 import ast
 from itertools import combinations
@@ -7,8 +7,8 @@ from pathlib import Path
 from rf_exp.tasks import Task
 from tests.conftest import TASKS, read_task
 
-LONGEST_LINES = 110
-REPEATED_LINES = 6  # so many in a row are a copy
+MAX_LINES = 110
+REPEATED_LINES = 6  # consecutive equal lines that count as a copy
 
 
 def source(task: Task) -> Path:
@@ -17,7 +17,7 @@ def source(task: Task) -> Path:
 
 
 def statements(path: Path) -> list[str]:
-    """The lines that do something: layout, comments, docstrings and imports aside."""
+    """The lines of a file without layout, comments, docstrings and imports."""
     tree = ast.parse(path.read_text("utf-8"))
     skipped: set[int] = set()
     for node in ast.walk(tree):
@@ -29,16 +29,16 @@ def statements(path: Path) -> list[str]:
     return [line for line in stripped if line and not line.startswith("#")]
 
 
-def runs(lines: list[str]) -> set[tuple[str, ...]]:
+def line_runs(lines: list[str]) -> set[tuple[str, ...]]:
     return {tuple(lines[at : at + REPEATED_LINES]) for at in range(len(lines) - REPEATED_LINES + 1)}
 
 
 def test_a_module_is_short(task: Task) -> None:
-    assert len(source(task).read_text("utf-8").splitlines()) <= LONGEST_LINES
+    assert len(source(task).read_text("utf-8").splitlines()) <= MAX_LINES
 
 
 def test_no_module_repeats_another() -> None:
-    found = {name: runs(statements(source(read_task(name)))) for name in TASKS}
+    found = {name: line_runs(statements(source(read_task(name)))) for name in TASKS}
     copies = {
         (one, other): sorted(found[one] & found[other])
         for one, other in combinations(found, 2)
@@ -47,8 +47,8 @@ def test_no_module_repeats_another() -> None:
     assert not copies
 
 
-def test_a_copy_would_be_found(tmp_path: Path) -> None:
+def test_a_copy_is_detected(tmp_path: Path) -> None:
     original = source(read_task("place_food")).read_text("utf-8")
     copy = tmp_path / "copy.py"
     copy.write_text('"""Another task."""\n# a comment\n' + original.replace("\n    ", "\n\n    "))
-    assert runs(statements(copy)) & runs(statements(source(read_task("place_food"))))
+    assert line_runs(statements(copy)) & line_runs(statements(source(read_task("place_food"))))

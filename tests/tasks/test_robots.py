@@ -1,4 +1,4 @@
-"""Other robots at the bases of a task, by a key: who stands where, how it is called, and what is refused."""
+"""Other robot models in a task by a key: base poses, names of tasks, and refused values."""
 
 import pytest
 
@@ -20,18 +20,18 @@ def task_of(*overrides: str) -> Task:
     return task
 
 
-def test_one_robot_stands_at_every_base_and_nearer_as_it_reaches_less_far() -> None:
-    task, usual = task_of("task=lift_barrier", "robot=xarm7"), read_task("lift_barrier")
+def test_one_robot_is_used_at_every_base_and_nearer_by_its_shorter_reach() -> None:
+    task, default_task = task_of("task=lift_barrier", "robot=xarm7"), read_task("lift_barrier")
     assert (task.name, task.title) == ("lift_barrier-xarm7", "Lift Barrier (xarm7)")
     assert [robot.model for robot in task.robots] == [XARM7, XARM7]
     nearer_m = DEFAULT.reach_m - XARM7.reach_m
-    for robot, before in zip(task.robots, usual.robots, strict=True):
+    for robot, before in zip(task.robots, default_task.robots, strict=True):
         assert robot.x_m == before.x_m and abs(before.y_m) - abs(robot.y_m) == pytest.approx(nearer_m)
         assert (robot.yaw_deg, robot.rest_rad) == (before.yaw_deg, XARM7.rest_rad)
-    assert task.module is usual.module and task.objects == usual.objects
+    assert task.module is default_task.module and task.objects == default_task.objects
 
 
-def test_each_arm_may_be_another_one() -> None:
+def test_each_arm_may_be_another_robot() -> None:
     task = task_of("task=two_robots_stack_cube", "robot=[panda,xarm7]")
     assert task.name == "two_robots_stack_cube-panda-xarm7"
     assert [robot.model.name for robot in task.robots] == ["panda", "xarm7"]
@@ -39,7 +39,7 @@ def test_each_arm_may_be_another_one() -> None:
 
 
 @pytest.mark.parametrize("robot", ["robot=panda", "robot=[panda,panda]"])
-def test_with_the_robots_that_it_has_a_task_is_itself(robot: str) -> None:
+def test_a_task_with_its_own_robots_is_unchanged(robot: str) -> None:
     assert plain(task_of("task=lift_barrier", robot).identity) == plain(task_of("task=lift_barrier").identity)
     assert task_of("task=lift_barrier", robot).name == "lift_barrier"
 
@@ -49,7 +49,7 @@ def test_a_posture_of_another_robot_is_not_kept() -> None:
     assert {robot.rest_rad for robot in task_of("task=take_photo", "robot=xarm7").robots} == {XARM7.rest_rad}
 
 
-def test_it_is_found_by_its_name_and_by_its_store() -> None:
+def test_a_task_with_other_robots_is_found_by_name_and_by_store() -> None:
     task = named_task("ring_2x1-xarm7")
     assert task is not None and {robot.model for robot in task.robots} == {XARM7}
     task = named_task("two_robots_stack_cube-panda-xarm7")
@@ -57,7 +57,7 @@ def test_it_is_found_by_its_name_and_by_its_store() -> None:
     assert stored_task({"task": task.name, "scene": plain(task.identity)}) == task
 
 
-def test_one_is_chosen_on_the_line_of_its_arm_as_well() -> None:
+def test_a_robot_can_be_chosen_in_the_configuration_of_its_arm() -> None:
     task = task_of("task=two_robots_stack_cube", "+task.two_robots_stack_cube.robots.1.model=xarm7")
     assert [robot.model.name for robot in task.robots] == ["panda", "xarm7"]
 
@@ -71,7 +71,7 @@ def test_one_is_chosen_on_the_line_of_its_arm_as_well() -> None:
         ("[]", r"robot is \[\]; expected one for all arms, or a list of 2"),
     ],
 )
-def test_robots_that_there_are_not_are_refused_before_any_work(robot: str, message: str) -> None:
+def test_unknown_robots_are_refused_before_any_work(robot: str, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         task_of("task=lift_barrier", f"robot={robot}")
     with pytest.raises(ArgumentError, match="unknown robot 'ur7'"):

@@ -1,4 +1,4 @@
-"""Sizes of objects: laws over all tasks of what a seed draws, and of the task of its scene."""
+"""Sizes of objects: properties of the draws of a seed, and of the task of its scene, for all tasks."""
 
 from dataclasses import replace
 
@@ -15,12 +15,12 @@ INSTANCES = read_variation("instances")
 SEEDS = range(4)
 
 
-def test_a_scene_of_objects_of_other_sizes_is_whole(task: Task) -> None:
-    """What stands on something is of one size with it and still stands on it; marks are as they were."""
-    usual = replace(task, variation=INSTANCES)
+def test_scenes_with_other_object_sizes_are_consistent(task: Task) -> None:
+    """An object on another one has the same size and still stands on it; flat marks keep their size."""
+    varied = replace(task, variation=INSTANCES)
     found = []
     for seed in SEEDS:
-        scene, start = usual.in_scene(seed), usual.start(seed)
+        scene, start = varied.in_scene(seed), varied.start(seed)
         for name, spec in scene.objects.items():
             before, now = task.asset(name), scene.asset(name)
             assert now is scene.asset(name) and scene.asset(name) is before.scaled(spec.size)
@@ -28,15 +28,15 @@ def test_a_scene_of_objects_of_other_sizes_is_whole(task: Task) -> None:
                 assert spec.size == 1
                 continue
             found.append(spec.size)
-            assert spec.size == draw(usual, seed).sizes[name]
+            assert spec.size == draw(varied, seed).sizes[name]
             np.testing.assert_allclose(now.bounds_m, spec.size * before.bounds_m, atol=1e-12)
             assert now.mass_kg == pytest.approx(spec.size**3 * before.mass_kg)
             for label, point in now.points.items():
-                was = before.points[label]
+                usual_point = before.points[label]
                 np.testing.assert_allclose(
-                    point.object_from_tcp[:3, 3], spec.size * was.object_from_tcp[:3, 3], atol=1e-12
+                    point.object_from_tcp[:3, 3], spec.size * usual_point.object_from_tcp[:3, 3], atol=1e-12
                 )
-                assert point.standoff_m == was.standoff_m
+                assert point.standoff_m == usual_point.standoff_m
                 assert point.width_m < 2 * min(robot.model.hand.open_m for robot in task.robots) - 0.01
             lowest_m = now.vertices(start.poses[name])[:, 2].min()
             if spec.stands_on:
@@ -49,13 +49,13 @@ def test_a_scene_of_objects_of_other_sizes_is_whole(task: Task) -> None:
 
 
 def test_sizes_fill_their_range() -> None:
-    usual = replace(read_task("stack_cube"), variation=INSTANCES)
-    sizes = np.array([[*draw(usual, seed).sizes.values()] for seed in range(100)])
+    varied = replace(read_task("stack_cube"), variation=INSTANCES)
+    sizes = np.array([[*draw(varied, seed).sizes.values()] for seed in range(100)])
     assert 0.85 <= sizes.min() < 0.86 and 1.14 < sizes.max() <= 1.15
-    assert abs(np.corrcoef(sizes.T)[0, 1]) < 0.3  # each thing has one of its own
+    assert abs(np.corrcoef(sizes.T)[0, 1]) < 0.3  # each object has its own
 
 
-def test_another_size_is_another_content() -> None:
+def test_the_size_is_part_of_the_content_digest() -> None:
     cube = load("cube")
     assert cube.scaled(1.0) is cube and cube.scaled(1.1).content_digest != cube.content_digest
     assert cube.scaled(1.1).content_digest == cube.scaled(1.1).content_digest
@@ -72,11 +72,11 @@ def test_a_size_is_in_the_identity_of_a_task() -> None:
 
 @pytest.mark.parametrize("size", [0.85, 1.15])
 def test_success_follows_the_sizes(size: float) -> None:
-    """A stack of cubes of other sizes is a stack; one as high as usual cubes would make it is none."""
+    """A stack of scaled cubes succeeds at its own height, and not at the height of a stack of usual cubes."""
     task = replace(read_task("stack_cube"), variation=Variation("x", object_size=(size, size))).in_scene(0)
     start = task.start(0).scene
-    for off_m, holds in ((0.0, True), ((1 - size) * 0.04, False)):
+    for offset_m, holds in ((0.0, True), ((1 - size) * 0.04, False)):
         pose = start.poses["red"].copy()
-        pose[2, 3] += size * 0.04 + off_m
+        pose[2, 3] += size * 0.04 + offset_m
         scene = replace(start, poses={**start.poses, "blue": pose})
         assert bool(task.module.conditions(scene, start, task)["blue on red"]) is holds

@@ -1,4 +1,4 @@
-"""A task's configuration is read strictly; what is wrong is named."""
+"""Strict reading of task configurations; errors name the problem."""
 
 import os
 import subprocess
@@ -54,16 +54,16 @@ def test_a_field_of_another_type(node: dict[str, Any]) -> None:
 
 
 def test_an_object_that_may_start_beyond_the_edge_of_the_table(node: dict[str, Any]) -> None:
-    """The table reaches to x = 1.4 m; the lid counts from the pot."""
+    """The table ends at x = 1.4 m; the position of the lid is relative to the pot."""
     node["objects"]["pot"]["x_m"] = [0.0, 1.35]
-    said = message(node)
-    assert said.startswith("task 'place_food': object 'pot' may start ")
-    assert said.endswith(" mm beyond the table's edge at x = 1.4 m and fall; narrow its ranges")
-    assert 20 < float(said.split("may start ")[1].split(" mm")[0]) < 100
+    error = message(node)
+    assert error.startswith("task 'place_food': object 'pot' may start ")
+    assert error.endswith(" mm beyond the table's edge at x = 1.4 m and fall; narrow its ranges")
+    assert 20 < float(error.split("may start ")[1].split(" mm")[0]) < 100
 
 
-def test_an_object_that_is_drawn_beyond_the_edge_of_the_table(node: dict[str, Any]) -> None:
-    """What counts from another object is known once that is drawn."""
+def test_an_object_that_is_sampled_beyond_the_edge_of_the_table(node: dict[str, Any]) -> None:
+    """A position relative to another object is known only after sampling that object."""
     node["objects"]["steak"]["y_m"] = [-1.6, -1.6]
     task = load_task("place_food", node)
     with pytest.raises(
@@ -72,7 +72,7 @@ def test_an_object_that_is_drawn_beyond_the_edge_of_the_table(node: dict[str, An
         task.start(7)
 
 
-def test_objects_without_room_are_named_with_what_they_overlap_by(node: dict[str, Any]) -> None:
+def test_objects_without_space_are_named_with_their_overlap(node: dict[str, Any]) -> None:
     node["objects"]["steak"] |= {"y_m": [-0.05, -0.05], "x_m": [0.0, 0.0]}
     task = load_task("place_food", node)
     with pytest.raises(
@@ -111,7 +111,7 @@ def test_a_randomisation_out_of_range(node: dict[str, Any]) -> None:
     assert "randomisation.mass_scale is 1.5; expected a number from 0 to 1" in message(node)
 
 
-def test_a_name_that_is_not_the_files(node: dict[str, Any]) -> None:
+def test_a_name_that_differs_from_the_file(node: dict[str, Any]) -> None:
     node["name"] = "put_food"
     assert message(node) == "task 'place_food': field name is 'put_food'; expected 'place_food'"
 
@@ -127,10 +127,10 @@ TRAP = "import pathlib; pathlib.Path(__file__).with_name('sprung').touch()\nrais
 
 
 def hostile_identities(module: str) -> list[dict[str, Any]]:
-    """What somebody writes into a store's attributes to have a module imported."""
+    """Attributes of a store with which an attacker tries to have a module imported."""
     task = read_task(CONF / "task" / "lift_barrier.yaml")
-    said = {each.name: getattr(task, each.name) for each in fields(task)}
-    scene = plain({**said, "robots": task.identity["robots"]})
+    fields_of_task = {each.name: getattr(task, each.name) for each in fields(task)}
+    scene = plain({**fields_of_task, "robots": task.identity["robots"]})
     asset = {**scene, "objects": {"barrier": {**scene["objects"]["barrier"], "asset": f"{module}.asset"}}}
     return [
         {"task": "lift_barrier", "scene": {**scene, "code": module}},
@@ -143,8 +143,8 @@ def hostile_identities(module: str) -> list[dict[str, Any]]:
     ]
 
 
-def test_a_stores_attributes_import_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A trap lies where Python would find it; the attributes name it in every place there is."""
+def test_attributes_of_a_store_import_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An importable module with side effects; the attributes name it in every possible place."""
     (tmp_path / "trap.py").write_text(TRAP)
     monkeypatch.syspath_prepend(tmp_path)
     for identity in hostile_identities("trap"):
@@ -153,7 +153,7 @@ def test_a_stores_attributes_import_nothing(tmp_path: Path, monkeypatch: pytest.
     assert "trap" not in sys.modules and not (tmp_path / "sprung").exists()
 
 
-def test_a_stores_task_is_the_configured_one(tmp_path: Path, node: dict[str, Any]) -> None:
+def test_the_task_of_a_store_is_the_configured_one(tmp_path: Path, node: dict[str, Any]) -> None:
     task = load_task("place_food", node)
     identity = {"task": "place_food", "scene": plain(task.identity)}
     assert stored_task(identity) == task
@@ -172,7 +172,7 @@ def test_replay_of_a_hostile_store_imports_nothing(tmp_path: Path) -> None:
         Store.create(tmp_path / f"data/{number}.zarr", identity, 2, [], 0, 0).close()
     command = [sys.executable, str(CONF.parent / "benchmarks" / "replay.py"), str(tmp_path / "data")]
     path = os.pathsep.join([str(tmp_path), str(CONF.parent), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
+    process = subprocess.run(
         command,
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
@@ -180,5 +180,5 @@ def test_replay_of_a_hostile_store_imports_nothing(tmp_path: Path) -> None:
         check=False,
         timeout=300,
     )
-    assert done.returncode == 1 and "of another configuration of lift_barrier" in done.stderr
+    assert process.returncode == 1 and "of another configuration of lift_barrier" in process.stderr
     assert not (tmp_path / "sprung").exists()

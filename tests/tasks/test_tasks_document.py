@@ -1,4 +1,4 @@
-"""docs/tasks.md says what the configuration and the modules say."""
+"""docs/tasks.md agrees with the configuration and the task modules."""
 
 import runpy
 from pathlib import Path
@@ -6,6 +6,6 @@ from pathlib import Path
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def test_the_document_is_what_its_script_writes() -> None:
+def test_the_document_is_the_output_of_its_script() -> None:
     written = runpy.run_path(str(DOCS / "tasks.py"))["document"]()
     assert (DOCS / "tasks.md").read_text("utf-8") == written, "run: python docs/tasks.py"

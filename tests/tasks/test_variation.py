@@ -1,4 +1,4 @@
-"""Scenes that differ: what a seed draws of each factor, alone and beside the others."""
+"""Scene variation: the draws of a seed for each factor, alone and together with the others."""
 
 from dataclasses import fields, replace
 
@@ -17,20 +17,20 @@ FULL = read_variation("full")
 SEEDS = range(100)
 
 
-def of_full(name: str) -> bool:
-    """Whether a choice is a part of `full`; whether policies are told of it draws nothing."""
-    said = drop_defaults(read_variation(name).identity, calibration="unknown")
-    return said.items() <= FULL.identity.items() and name not in ("none", "full")
+def is_part_of_full(name: str) -> bool:
+    """Whether a choice is a part of `full`; `calibration` is not compared, as it draws nothing."""
+    identity = drop_defaults(read_variation(name).identity, calibration="unknown")
+    return identity.items() <= FULL.identity.items() and name not in ("none", "full")
 
 
-PARTS = tuple(filter(of_full, CHOICES))
+PARTS = tuple(filter(is_part_of_full, CHOICES))
 
 
-def varied(name: str, how: str) -> Task:
-    return replace(read_task(name), variation=read_variation(how))
+def varied(name: str, variation: str) -> Task:
+    return replace(read_task(name), variation=read_variation(variation))
 
 
-def test_the_clean_world_stays_as_it_was(task: Task) -> None:
+def test_tasks_without_variation_are_unchanged(task: Task) -> None:
     assert (
         task.variation == NO_VARIATION
         and not NO_VARIATION.identity
@@ -43,12 +43,12 @@ def test_the_clean_world_stays_as_it_was(task: Task) -> None:
 
 
 @pytest.mark.parametrize("name", CHOICES)
-def test_every_choice_is_read_alike_with_and_without_hydra(name: str) -> None:
-    asked = experiment("task=lift_barrier", f"variation={name}")
-    assert asked.tasks[0].variation == read_variation(name)
-    assert asked.evaluated == read_variation(name).held_out and asked.evaluated.name == name
-    apart = experiment("task=lift_barrier", f"variation@evaluated={name}")
-    assert apart.tasks[0].variation == NO_VARIATION and apart.evaluated.name == name
+def test_every_choice_is_read_equally_with_and_without_hydra(name: str) -> None:
+    everywhere = experiment("task=lift_barrier", f"variation={name}")
+    assert everywhere.tasks[0].variation == read_variation(name)
+    assert everywhere.evaluated == read_variation(name).held_out and everywhere.evaluated.name == name
+    evaluated_only = experiment("task=lift_barrier", f"variation@evaluated={name}")
+    assert evaluated_only.tasks[0].variation == NO_VARIATION and evaluated_only.evaluated.name == name
 
 
 def test_the_choice_full_has_every_factor() -> None:
@@ -61,36 +61,36 @@ def test_the_choice_full_has_every_factor() -> None:
     }
 
 
-def test_any_arm_may_be_the_one_that_is_late() -> None:
+def test_any_arm_may_be_the_delayed_one() -> None:
     task = varied("take_photo", "late_arm")
     late = [draw(task, seed).devices.impaired for seed in SEEDS]
     assert {each.agent for each in late if each is not None} == {*task.agents}
     assert {(each.delay_steps, each.dark) for each in late if each is not None} == {(20, False)}
-    said = scene_certificate(task, 0)["drawn"]["devices"]["impaired"]
-    assert said == scene_draws(task, 0)["devices"]["impaired"] and said["delay_steps"] == 20
+    certified = scene_certificate(task, 0)["drawn"]["devices"]["impaired"]
+    assert certified == scene_draws(task, 0)["devices"]["impaired"] and certified["delay_steps"] == 20
     assert "impaired" not in scene_certificate(varied("take_photo", "full"), 0)["drawn"]["devices"]
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_one_factor_draws_alone_what_it_draws_beside_the_others(name: str) -> None:
+def test_draws_of_a_factor_do_not_depend_on_other_factors(name: str) -> None:
     alone, beside = varied("take_photo", name), varied("take_photo", "full")
-    differ = 0
+    varied_count = 0
     for seed in SEEDS:
-        one, others = (dict(_flat(draw(each, seed).plain())) for each in (alone, beside))
-        nothing = dict(_flat(draw(replace(alone, variation=NO_VARIATION), seed).plain()))
-        for key, value in one.items():
-            if key.endswith("shift_m.2"):  # a table that is higher lowers cameras too
-                shift_m = others[key] + others["table_height_m"]
+        own_draws, full_draws = (dict(_flat(draw(each, seed).plain())) for each in (alone, beside))
+        defaults = dict(_flat(draw(replace(alone, variation=NO_VARIATION), seed).plain()))
+        for key, value in own_draws.items():
+            if key.endswith("shift_m.2"):  # a higher table also lowers cameras
+                shift_m = full_draws[key] + full_draws["table_height_m"]
                 expected = shift_m * bool(alone.variation.camera_position_m)
-                assert value + one["table_height_m"] == pytest.approx(expected)
-            elif value != nothing.get(key):
-                differ += 1
-                assert value == others[key], key
-    assert differ >= 50
+                assert value + own_draws["table_height_m"] == pytest.approx(expected)
+            elif value != defaults.get(key):
+                varied_count += 1
+                assert value == full_draws[key], key
+    assert varied_count >= 50
 
 
 def _flat(node, at=""):
-    """Dotted key -> number."""
+    """Yields (dotted key, number) pairs of nested values."""
     if isinstance(node, int | float):
         yield at.rstrip("."), node
     elif isinstance(node, dict | list | tuple):
@@ -106,7 +106,7 @@ def test_draws_fill_their_ranges_and_stay_in_them() -> None:
     turns = np.array([np.linalg.norm(camera.turn_deg) for each in drawn for camera in each.cameras.values()])
     heights = np.array([each.table_height_m for each in drawn])
     fovs = np.array([camera.fov_deg for each in drawn for camera in each.cameras.values()])
-    for values, most in (
+    for values, bound in (
         (bases[..., :2], 0.02),
         (bases[..., 2], 2.0),
         (shifts[:, :2], 0.05),
@@ -118,11 +118,11 @@ def test_draws_fill_their_ranges_and_stay_in_them() -> None:
         (np.rad2deg([each.devices.joint_offset_rad for each in drawn]), 0.5),
         (np.array([[*each.tints.values()] for each in drawn]) - 1, 0.2),
     ):
-        assert 0.9 * most < np.abs(values).max() <= most
+        assert 0.9 * bound < np.abs(values).max() <= bound
     assert {each.devices.delay_steps for each in drawn} == {0, 1, 2, 3}
 
 
-def test_what_demonstrations_show_is_not_what_evaluation_shows() -> None:
+def test_textures_of_demonstrations_and_evaluation_differ() -> None:
     assert (FULL.textures, FULL.held_out.textures) == (
         "seen",
         "unseen",
@@ -138,39 +138,39 @@ def test_what_demonstrations_show_is_not_what_evaluation_shows() -> None:
         assert all((each.colour is None) != (each.texture is None) for each in finishes)
 
 
-def test_lamps_are_as_many_as_bright_and_as_coloured_as_asked_for() -> None:
+def test_lamps_have_the_configured_numbers_brightness_and_directions() -> None:
     task = varied("lift_barrier", "light")
     lights = [task.start(seed).lamps for seed in SEEDS]
     assert {len(each.lamps) for each in lights} == {1, 2, 3}
-    usual = Light()
-    bright = np.array([np.array(each.ambient) / usual.ambient for each in lights])
+    default_light = Light()
+    bright = np.array([np.array(each.ambient) / default_light.ambient for each in lights])
     assert 0.75 * 2**-0.7 < bright.min() < 0.55 and 1.7 < bright.max() < 1.25 * 2**0.7
     for each in lights:
-        before, now = np.array(usual.lamps[0].direction), np.array(each.lamps[0].direction)
+        before, now = np.array(default_light.lamps[0].direction), np.array(each.lamps[0].direction)
         turned = np.arccos(before @ now / np.linalg.norm(before) / np.linalg.norm(now))
         assert turned <= np.deg2rad(30) + 1e-9
 
 
-def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
-    """Its arms and cameras are where the seed has drawn them; things lie where they always do."""
-    usual = replace(task, variation=FULL)
+def test_the_task_of_a_scene_is_a_complete_task(task: Task) -> None:
+    """Its arms and cameras are at their sampled poses; objects are at their usual places."""
+    varied_task = replace(task, variation=FULL)
     for seed in range(5):
-        scene = usual.in_scene(seed)
-        drawn = draw(usual, seed)
-        assert scene.in_scene(seed) is scene and usual.in_scene(seed) == scene
+        scene = varied_task.in_scene(seed)
+        drawn = draw(varied_task, seed)
+        assert scene.in_scene(seed) is scene and varied_task.in_scene(seed) == scene
         assert not any(getattr(scene.variation, name) != getattr(NO_VARIATION, name) for name in SCENE_KEYS)
         for robot, before, (x_m, y_m, yaw_deg) in zip(scene.robots, task.robots, drawn.bases, strict=True):
             moved = robot.world_from_base[:3, 3] - before.world_from_base[:3, 3]
             np.testing.assert_allclose(moved, [x_m, y_m, -drawn.table_height_m], atol=1e-12)
             assert robot.yaw_deg == before.yaw_deg + yaw_deg
         for name, camera in scene.cameras.items():
-            by = drawn.cameras[name]
-            off = np.linalg.inv(task.cameras[name].world_from_camera) @ camera.world_from_camera
-            turned_deg = np.rad2deg(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1)))
-            assert turned_deg == pytest.approx(np.linalg.norm(by.turn_deg), abs=1e-4)
+            draw_of_camera = drawn.cameras[name]
+            camera_offset = np.linalg.inv(task.cameras[name].world_from_camera) @ camera.world_from_camera
+            turned_deg = np.rad2deg(np.arccos(np.clip((np.trace(camera_offset[:3, :3]) - 1) / 2, -1, 1)))
+            assert turned_deg == pytest.approx(np.linalg.norm(draw_of_camera.turn_deg), abs=1e-4)
             shift = camera.world_from_camera[:3, 3] - task.cameras[name].world_from_camera[:3, 3]
-            np.testing.assert_allclose(shift, by.shift_m, atol=1e-12)
-        start, clean = usual.start(seed), task.start(seed)
+            np.testing.assert_allclose(shift, draw_of_camera.shift_m, atol=1e-12)
+        start, clean = varied_task.start(seed), task.start(seed)
         assert scene.start(seed).devices == start.devices
         for name, pose in clean.poses.items():
             if task.asset(name).hinge is not None:
@@ -185,24 +185,26 @@ def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
         assert (limits[:, 0] < joints).all() and (joints < limits[:, 1]).all()
 
 
-def test_a_scene_is_drawn_by_its_seed_alone() -> None:
+def test_a_scene_is_determined_by_its_seed() -> None:
     task = varied("pick_meat", "full")
     seeds = range(12)
     first = [scene_draws(task, seed) for seed in seeds]
     assert first == [scene_draws(task, seed) for seed in seeds]
     assert len({str(each) for each in first}) == len(seeds)
-    said = scene_certificate(task, 7)
-    assert said["drawn"] == first[7]
-    stands = task.in_scene(7)
-    np.testing.assert_array_equal(said["calibration"]["world_from_base"][0], stands.robots[0].world_from_base)
-    for name, camera in said["calibration"]["cameras"].items():
-        np.testing.assert_array_equal(camera["parent_from_camera"], stands.parent_from_camera(name))
-        assert camera["fov_deg"] == stands.cameras[name].fov_deg
+    certificate = scene_certificate(task, 7)
+    assert certificate["drawn"] == first[7]
+    scene_task = task.in_scene(7)
+    np.testing.assert_array_equal(
+        certificate["calibration"]["world_from_base"][0], scene_task.robots[0].world_from_base
+    )
+    for name, camera in certificate["calibration"]["cameras"].items():
+        np.testing.assert_array_equal(camera["parent_from_camera"], scene_task.parent_from_camera(name))
+        assert camera["fov_deg"] == scene_task.cameras[name].fov_deg
 
 
-def test_demonstrations_of_scenes_that_differ_are_others() -> None:
-    clean, wild = read_task("stack_cube"), varied("stack_cube", "full")
-    assert wild.identity == {**clean.identity, "variation": FULL.identity}
+def test_varied_demonstrations_have_their_own_identity_and_names() -> None:
+    clean, changed = read_task("stack_cube"), varied("stack_cube", "full")
+    assert changed.identity == {**clean.identity, "variation": FULL.identity}
     one, other = experiment("task=stack_cube"), experiment("task=stack_cube", "variation=bases")
     assert (one.data, other.data) == ("test", "test+bases")
     assert (one.method, other.method) == ("test", "test+bases")
@@ -229,12 +231,12 @@ def test_demonstrations_of_scenes_that_differ_are_others() -> None:
         ({"pixel_noise": float("nan")}, "variation.pixel_noise is nan; expected 0 to 100"),
     ],
 )
-def test_a_range_that_is_not_possible_is_told(changes, said) -> None:
+def test_an_impossible_range_is_reported(changes, said) -> None:
     with pytest.raises(ArgumentError) as error:
         Variation(**changes)
     assert str(error.value) == said
 
 
-def test_a_choice_that_is_not_there_is_told() -> None:
+def test_an_unknown_choice_is_reported() -> None:
     with pytest.raises(ArgumentError, match="unknown variation 'wild'; available: appearance, bases"):
         read_variation("wild")

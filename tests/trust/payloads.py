@@ -1,10 +1,10 @@
-"""What strangers write where a word is expected: markup, and orders to a terminal."""
+"""Hostile texts: markup and terminal control sequences where a word is expected."""
 
 from html.parser import HTMLParser
 
 import markdown
 
-MARK = "intruder"  # in every payload, to be found again
+MARK = "intruder"  # in every payload, to search for it
 MARKUP = (
     f"<script>{MARK}()</script>",
     f"<img src=x onerror={MARK}()>",
@@ -40,11 +40,11 @@ MARKUP = (
     f"{MARK} {{{{ 7 * 7 }}}} {{% raw %}}",
     f"\ud800{MARK}\udfff",
 )
-ORDERS = (  # to a terminal: its title, its colours, its screen, a bell, a line of its own, another direction
+CONTROLS = (  # terminal controls: title, colours, screen, bell, new line, text direction
     f"\x1b]0;{MARK}\x07\x1b[2J\x1b[31m\x9b31m\x9d0;{MARK}\x9c\x08\x7f\u202e{MARK}\u2066\u200f\ud800"
     f"\r\nfailed: {MARK}\x85\u2028\x00"
 )
-EXTENSIONS = (  # of readers that pages are made for: of none, MkDocs's own, and those that this site has
+EXTENSIONS = (  # of Markdown readers: none, MkDocs's own, common ones, and those of this site
     [],
     ["tables", "fenced_code", "toc"],
     ["extra", "attr_list", "md_in_html", "admonition", "def_list", "footnotes", "abbr"],
@@ -53,7 +53,7 @@ EXTENSIONS = (  # of readers that pages are made for: of none, MkDocs's own, and
 
 
 class Skeleton(HTMLParser):
-    """The tags of a page with all their attributes, and where links lead; words left out."""
+    """The tags of a page with their attributes, and its words separately."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class Skeleton(HTMLParser):
 
 
 def skeleton(page: str, extensions: list[str]) -> Skeleton:
-    """Of a page in Markdown, once a reader with these extensions has made HTML of it."""
+    """The skeleton of the HTML that a Markdown reader with these extensions makes of a page."""
     parsed = Skeleton()
     parsed.feed(markdown.markdown(page, extensions=extensions))
     parsed.close()
@@ -82,7 +82,10 @@ def skeleton(page: str, extensions: list[str]) -> Skeleton:
 
 
 def structure(page: str, extensions: list[str]) -> tuple[list[tuple[str, tuple]], str]:
-    """The tags but for what names a heading, and the words."""
-    found = skeleton(page, extensions)
-    tags = [(tag, tuple(each for each in kinds if each[0] != "id")) for tag, kinds in found.tags]
-    return tags, found.words
+    """The tags without ids of headings, and the words."""
+    parsed = skeleton(page, extensions)
+    tags = [
+        (tag, tuple(attribute for attribute in attributes if attribute[0] != "id"))
+        for tag, attributes in parsed.tags
+    ]
+    return tags, parsed.words

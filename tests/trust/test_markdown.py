@@ -1,4 +1,4 @@
-"""Words of others on pages in Markdown: no reader makes a tag, a link or a cell of them."""
+"""Untrusted words on Markdown pages: no reader turns them into tags, links or cells."""
 
 from collections.abc import Callable
 
@@ -11,41 +11,43 @@ from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, Skeleton, skeleton, s
 READERS = pytest.mark.parametrize("extensions", EXTENSIONS, ids=lambda each: "-".join(each[:2]) or "none")
 
 
-def lines(word: Callable[[str], str], payload: str) -> str:
-    """A page that has the words in every place that a word has on ours."""
-    it = word(payload)
-    grid = table(("a", cell(payload)), [(cell(payload), it), ("x", it), (cell(payload), "x")])
+def page_with(formatter: Callable[[str], str], payload: str) -> str:
+    """A page with the payload in every place where our pages have words."""
+    s = formatter(payload)
+    rows = table(("a", cell(payload)), [(cell(payload), s), ("x", s), (cell(payload), "x")])
     return (
-        f"# {it}\n\n{it}\n\nso: {it}, and {it}.\n\n- {it}\n- *b*: {it}\n\n1. {it}\n2. {it}\n\n"
-        f"{grid}\n\n**{it}**: end\n"
+        f"# {s}\n\n{s}\n\nso: {s}, and {s}.\n\n- {s}\n- *b*: {s}\n\n1. {s}\n2. {s}\n\n"
+        f"{rows}\n\n**{s}**: end\n"
     )
 
 
 @READERS
-@pytest.mark.parametrize("word", [text, code])
+@pytest.mark.parametrize("formatter", [text, code])
 @pytest.mark.parametrize("payload", MARKUP)
-def test_words_change_nothing_of_a_page_but_its_words(
-    payload: str, word: Callable[[str], str], extensions: list[str]
+def test_payloads_add_no_tags_to_a_page(
+    payload: str, formatter: Callable[[str], str], extensions: list[str]
 ) -> None:
-    tags, words = structure(lines(word, payload), extensions)
-    assert tags == structure(lines(word, MARK), extensions)[0]
+    tags, words = structure(page_with(formatter, payload), extensions)
+    assert tags == structure(page_with(formatter, MARK), extensions)[0]
     assert words.count(MARK) >= 10
 
 
-@pytest.mark.parametrize("word", [text, code])
+@pytest.mark.parametrize("formatter", [text, code])
 @pytest.mark.parametrize("payload", MARKUP)
-def test_a_web_page_has_no_tag_of_theirs(payload: str, word: Callable[[str], str]) -> None:
-    found, plain = Skeleton(), Skeleton()
-    for parsed, said in ((found, payload), (plain, MARK)):
-        parsed.feed(webpage(lines(word, said)))
+def test_payloads_add_no_tags_to_a_web_page(payload: str, formatter: Callable[[str], str]) -> None:
+    hostile, plain = Skeleton(), Skeleton()
+    for parsed, content in ((hostile, payload), (plain, MARK)):
+        parsed.feed(webpage(page_with(formatter, content)))
         parsed.close()
-    assert found.tags == plain.tags and found.words.count(MARK) >= 10
+    assert hostile.tags == plain.tags and hostile.words.count(MARK) >= 10
 
 
 @READERS
 @pytest.mark.parametrize("language", ["", "python"])
 @pytest.mark.parametrize("payload", MARKUP)
-def test_a_block_holds_lines_and_ends_behind_them(payload: str, language: str, extensions: list[str]) -> None:
+def test_a_code_block_holds_its_lines_and_ends_after_them(
+    payload: str, language: str, extensions: list[str]
+) -> None:
     page = f"before\n\n- an item\n\n{block(payload, language)}\n\n*behind*\n"
     tags, words = structure(page, extensions)
     assert {tag.lstrip("/") for tag, _ in tags} <= {
@@ -59,16 +61,16 @@ def test_a_block_holds_lines_and_ends_behind_them(payload: str, language: str, e
         "li",
         "!--",
     }
-    assert all(kind == "class" for _, kinds in tags for kind, _ in kinds)
-    assert ("pre", ()) not in tags[: tags.index(("/ul", ()))]  # it is no part of the item
+    assert all(key == "class" for _, attributes in tags for key, _ in attributes)
+    assert ("pre", ()) not in tags[: tags.index(("/ul", ()))]  # not a part of the item
     assert tags[-4:] == [("p", ()), ("em", ()), ("/em", ()), ("/p", ())]
     for line in payload.split("\n"):
-        kept = line.encode("utf-8", "replace").decode().strip("\x02\x03 ?")
-        assert kept.strip() in words or "\x02" in line
+        cleaned = line.encode("utf-8", "replace").decode().strip("\x02\x03 ?")
+        assert cleaned.strip() in words or "\x02" in line
 
 
 @pytest.mark.parametrize(
-    "said",
+    "content",
     [
         "Agent_1 must lift barrier at left, by 0.15 m (97.5 %, [93.1, 99.1]); R&D: 2 > 1 + 1 - 0.",
         "lift_barrier, fast+dagger1, 50",
@@ -78,17 +80,19 @@ def test_a_block_holds_lines_and_ends_behind_them(payload: str, language: str, e
         "steak inside the pot; agents 1 and 2 touched (2.30 s, 14 steps)",
     ],
 )
-def test_what_is_no_markup_is_written_as_it_is(said: str) -> None:
-    assert text(said) == said and code(said) == f"`{said}`" and said in block(said, "python")
+def test_text_without_markup_is_unchanged(content: str) -> None:
+    assert (
+        text(content) == content and code(content) == f"`{content}`" and content in block(content, "python")
+    )
 
 
 @READERS
-def test_every_letter_of_a_text_is_shown(extensions: list[str]) -> None:
-    said = "".join(map(chr, range(33, 127))) + " ä € 日本 " + "".join(map(chr, range(126, 32, -1)))
-    assert said in skeleton(f"x {text(said)} y", [*extensions, "tables"]).words
-    assert said in skeleton(f"x {code(said)} y", [*extensions, "tables"]).words
+def test_every_character_of_a_text_is_shown(extensions: list[str]) -> None:
+    content = "".join(map(chr, range(33, 127))) + " ä € 日本 " + "".join(map(chr, range(126, 32, -1)))
+    assert content in skeleton(f"x {text(content)} y", [*extensions, "tables"]).words
+    assert content in skeleton(f"x {code(content)} y", [*extensions, "tables"]).words
 
 
-def test_of_a_long_text_a_page_has_a_part() -> None:
+def test_long_texts_are_shortened() -> None:
     assert len(text("x" * 10**7)) < 10_000 and len(code("y" * 10**7)) < 10_000
     assert len(block("z\n" * 10**7)) < 6_000_000

@@ -1,4 +1,4 @@
-"""Pages that the suite writes, with a stranger's words in every place that has some: none is markup."""
+"""Pages of the suite with untrusted words in every place: none of them becomes markup."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,10 +27,10 @@ from tests.test_data import LABELS
 from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, structure
 
 LIFT = read_task("lift_barrier")
-CODE = ("p", "pre", "code", "div", "span", "!--")  # how a reader sets lines of code, and ends what is before
+CODE = ("p", "pre", "code", "div", "span", "!--")  # tags of code blocks, and of paragraphs that they end
 
 
-def refused(payload: str) -> Violation:
+def refusal(payload: str) -> Violation:
     return Violation(
         check=CheckName.BRAIN, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=0.0, refusal=payload,
         constraint=payload,
@@ -42,24 +42,24 @@ def results(payload: str) -> tuple[CheckResult, ...]:
 
 
 def tables(payload: str, folder: Path) -> str:
-    """All tables of a task whose file says so, and of rows that tell so."""
+    """All tables, with the payload in the file of a task and in rows."""
     suite = {"lift_barrier": TaskFacts(payload, 2, payload, payload, "1")}
     account = Account(unmet=(Unmet(payload),), ended=payload)
     rows = [replace(row, account=account) for row in generation("lift_barrier", "full", 3, 2)]
-    rolled = [
+    rollouts = [
         *evaluation("lift_barrier", "separate_local", 50, 3, 2),
         *evaluation("lift_barrier", "separate_local", 50, 3, 2, recipe="fast"),
         *evaluation("lift_barrier", "separate_local", 50, 3, 2, shield=True, recipe="fast"),
         *evaluation("lift_barrier", "separate_local", 50, 3, 2, constraints="logical"),
         *evaluation("lift_barrier", "foreign", 0, 3, 2, recipe="theirs", version="2"),
     ]
-    found = build(Results(tuple(rows), tuple(rolled), (payload,)), suite)
-    return "\n".join(map(markdown, found.values()))
+    by_name = build(Results(tuple(rows), tuple(rollouts), (payload,)), suite)
+    return "\n".join(map(markdown, by_name.values()))
 
 
 def data_card(payload: str, folder: Path) -> str:
-    """The card of a store that says so of itself."""
-    says = Description(
+    """The card of a store with the payload in its attributes."""
+    description = Description(
         language=dict.fromkeys(("title", "description", "target_condition"), payload),
         conditions=(payload.replace("/", ""),),
         world_from_base=[], camera_models={}, depth=False, labels=LABELS,
@@ -68,32 +68,34 @@ def data_card(payload: str, folder: Path) -> str:
     Store.create(path, IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True).close()
     store = Store.open(path)
     changed = {"criteria_version": payload, "generator": payload, "commit": payload}
-    store.attrs.update(vars(says), **changed, task=payload, objects=[payload], cameras=[payload])
+    store.attrs.update(vars(description), **changed, task=payload, objects=[payload], cameras=[payload])
     store.attrs.update(versions={payload: payload}, identity={payload: payload, "row": {"name": payload}})
     return card(store)
 
 
 def demonstration(payload: str, folder: Path) -> str:
-    """The page of an episode, with an answer that is no JSON, and one that is not understood."""
+    """The page of an episode, with an answer that is not JSON, and one that cannot be parsed."""
     task = replace(LIFT, title=payload, description=payload, target_condition=payload)
     settings = Settings.configured(task, ConstraintSet(payload, spatial=False), ScriptedSpec())
     goal = Subgoal(1, "grasp", payload, payload)
     proposal = Proposal((goal,), (UnparsedStatement("logical", (1,), payload, payload),))
     phase = Phase(0.0, (goal,), reached=True)
-    checked = Round(0.0, results=results(payload), phases=(phase,), violation=refused(payload))
-    checked.measured = {payload: results(payload)[0]}
-    answered = Round(0.0, answer=payload, violation=refused(payload))
-    stated = Round(0.0, answer=payload, proposal=proposal, violation=refused(payload))
+    rejected = Round(0.0, results=results(payload), phases=(phase,), violation=refusal(payload))
+    rejected.measured = {payload: results(payload)[0]}
+    unreadable = Round(0.0, answer=payload, violation=refusal(payload))
+    unparsed = Round(0.0, answer=payload, proposal=proposal, violation=refusal(payload))
     formula = {"stl": payload, "unit": payload, "strict": True, "robustness": 0.5, "holds": True}
     checks = [{"check": payload, "text": payload, "silent": payload, "formulas": [formula]}]
     checks += [{**checks[0], "formulas": []}]
     outcome = Outcome(0, False, False, 3, 1, 0, 1.0, Account(ended=payload))
-    write_page(folder / "page.md", settings, outcome, [answered, stated, checked], [{"checks": checks}], None)
+    write_page(
+        folder / "page.md", settings, outcome, [unreadable, unparsed, rejected], [{"checks": checks}], None
+    )
     return (folder / "page.md").read_text("utf-8")
 
 
-def recorded(payload: str, folder: Path) -> str:
-    """What recordings show beside the pictures."""
+def recording_texts(payload: str, folder: Path) -> str:
+    """The texts of recordings."""
     verdict = Verdict(
         False, False, {payload: False, "lifted": True}, {payload: Measured(False, 1.0, 2.0, payload, True)}
     )
@@ -111,22 +113,22 @@ def recorded(payload: str, folder: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [tables, data_card, demonstration, recorded])
-def test_no_reader_makes_anything_of_them(page: Callable[[str, Path], str], tmp_path: Path) -> None:
-    """Neither a tag nor a link nor a cell more than of a word; but lines of code may be set as such.
+@pytest.mark.parametrize("page", [tables, data_card, demonstration, recording_texts])
+def test_payloads_add_no_markup_to_pages(page: Callable[[str, Path], str], tmp_path: Path) -> None:
+    """No tags, links or cells beyond those with a plain word, except for code blocks.
 
-    That each payload is harmless is told by `test_markdown`; here some tell that no place is left out.
+    `test_markdown` tests every payload; here a few of them test every place.
     """
 
-    def told(payload: str, folder: str) -> list[list[tuple[str, tuple]]]:
+    def tags_of(payload: str, folder: str) -> list[list[tuple[str, tuple]]]:
         (tmp_path / folder).mkdir()
-        said, found = page(payload, tmp_path / folder), []
+        content, tags_per_reader = page(payload, tmp_path / folder), []
         for extensions in EXTENSIONS[1:]:
-            tags, words = structure(said, extensions)
+            tags, words = structure(content, extensions)
             assert MARK in words
-            found.append([each for each in tags if each[0].strip("/") not in CODE])
-        return found
+            tags_per_reader.append([tag for tag in tags if tag[0].strip("/") not in CODE])
+        return tags_per_reader
 
-    plain = told(MARK, "plain")
+    plain = tags_of(MARK, "plain")
     for number, payload in enumerate((*MARKUP[::4], f"{MARK} | x |", f"{MARK} {{: onclick={MARK}() }}")):
-        assert told(payload, str(number)) == plain, payload
+        assert tags_of(payload, str(number)) == plain, payload

@@ -1,1 +1,1 @@
-"""A task of one's own, outside of the package: see docs/adding_a_task.md."""
+"""Extensions from outside the package: a task (docs/adding_a_task.md), a constraint, a verb, policy heads."""

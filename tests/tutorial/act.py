@@ -1,6 +1,6 @@
-"""A head of one's own: ACT's transformer decoder (Zhao et al. 2023), with a learned query for each action.
+"""Custom policy head: ACT's transformer decoder (Zhao et al. 2023), with one learned query per action.
 
-Without its variational encoder, which its authors need for demonstrations of people, not for scripted ones.
+ACT's variational encoder is left out: its authors need it for human demonstrations, not for scripted ones.
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from rf_exp.policy import Fit, Head, HeadConfig, add_head, bounded
 
 @dataclass(frozen=True)
 class ActConfig(HeadConfig):
-    """A small one: the paper has a width of 512."""
+    """Sizes of the decoder, smaller than in the paper, where `width` is 512."""
 
     width: int = bounded(1024, above=0)  # a multiple of `heads`
     heads: int = bounded(64, above=0)
     layers: int = bounded(32, above=0)
-    tokens: int = bounded(256, above=0)  # that the condition becomes
+    tokens: int = bounded(256, above=0)  # that the condition is projected to
     dropout: float = bounded(least=0, below=1)
-    rate: float = bounded(1e3, above=0)  # of learning, as a multiple of the training's
+    rate: float = bounded(1e3, above=0)  # learning rate, as a multiple of that of the training
 
 
 class Act(Head):
-    """Queries attend to one another and to the condition."""
+    """Transformer decoder: the queries of a chunk attend to one another and to the condition."""
 
     def __init__(self, config: ActConfig, condition: int, horizon: int, actions: int) -> None:
         super().__init__()

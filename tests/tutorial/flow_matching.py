@@ -1,6 +1,6 @@
-"""A head of one's own: flow matching (Lipman et al. 2023), straight lines from noise to actions.
+"""Custom policy head: flow matching (Lipman et al. 2023) along straight lines from noise to actions.
 
-The U-Net of the suite predicts where a line ends; the velocity along it follows, and Euler's method takes it.
+The suite's U-Net predicts the end of a line, which gives the velocity along it; Euler's method integrates it.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from torch.nn import functional
 
 from rf_exp.policy import ConditionalUNet1D, Head, HeadConfig, add_head, bounded, hidden
 
-TIMES = 100.0  # the U-Net was made for the numbers of diffusion steps
+TIMES = 100.0  # scales time to the range of diffusion steps, which the U-Net expects
 
 
 @dataclass(frozen=True)
 class FlowMatchingConfig(HeadConfig):
-    """Layers as in `head.diffusion`; how many steps of Euler's method is not learned."""
+    """Layers as in `head.diffusion`; `euler_steps` does not affect the weights."""
 
     trunk: tuple[int, ...] = bounded(above=0)
     channels: tuple[int, ...] = bounded()
@@ -24,7 +24,7 @@ class FlowMatchingConfig(HeadConfig):
 
 
 class FlowMatching(Head):
-    """Noise at time 0, actions at time 1."""
+    """Flow matching from noise at time 0 to actions at time 1."""
 
     def __init__(self, config: FlowMatchingConfig, condition: int, horizon: int, actions: int) -> None:
         super().__init__()
@@ -35,8 +35,8 @@ class FlowMatching(Head):
     def loss(self, condition: Tensor, actions: Tensor, generator: torch.Generator) -> Tensor:
         noise = torch.randn(actions.shape, generator=generator, device=actions.device)
         time = torch.rand(len(actions), generator=generator, device=actions.device)
-        on_the_line = torch.lerp(noise, actions, time[:, None, None])
-        return functional.l1_loss(self.unet(on_the_line, TIMES * time, self.trunk(condition)), actions)
+        interpolated = torch.lerp(noise, actions, time[:, None, None])
+        return functional.l1_loss(self.unet(interpolated, TIMES * time, self.trunk(condition)), actions)
 
     def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
         projected = self.trunk(condition)

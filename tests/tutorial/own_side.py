@@ -1,4 +1,4 @@
-"""A kind of constraint of one's own: the gripper of an agent stays nearest to its own base."""
+"""Custom constraint: the gripper of an agent stays nearer to its own base than to any other one."""
 
 from dataclasses import dataclass
 
@@ -30,10 +30,10 @@ OwnSide.samples = (OwnSide(1),)
 
 @dataclass(frozen=True)
 class OwnSideCheck(OneAgentCheck, BoundedCheck):
-    """How much nearer the gripper of an agent is to its own base. Value and bound in metres."""
+    """Check of `OwnSide`: how much nearer the gripper is to its own base. Value and bound in metres."""
 
     statement_type, name, unit = OwnSide, CheckName.OCCUPANCY, "m"
-    finding, comparison, bounds = Finding.CONSTRAINT, ">", (0.0, 0.0)  # as planned, and as measured
+    finding, comparison, bounds = Finding.CONSTRAINT, ">", (0.0, 0.0)  # bounds: as planned, as measured
 
     text: str
 
@@ -47,11 +47,11 @@ class OwnSideCheck(OneAgentCheck, BoundedCheck):
         return self.evidence_for(nearer_m[0], scene.time_s, measured=True)
 
     def _nearer_m(self, plan: Plan, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(P,) of the tool centre point at joints (P, 7 or more)."""
+        """(P,) how much nearer the tool centre point at joints (P, 7 or more) is to the own base."""
         bases_m = np.array([(robot.x_m, robot.y_m) for robot in plan.task.robots])
         tcp_m = plan.planning_scene.arms[self.agent - 1].tcp(qpos)[:, :2, 3]
-        away_m = np.linalg.norm(tcp_m[:, None] - bases_m, axis=2)
-        return np.delete(away_m, self.agent - 1, axis=1).min(axis=1) - away_m[:, self.agent - 1]
+        distances_m = np.linalg.norm(tcp_m[:, None] - bases_m, axis=2)
+        return np.delete(distances_m, self.agent - 1, axis=1).min(axis=1) - distances_m[:, self.agent - 1]
 
     def stl(self, task: Task) -> Specification:
         description = (

@@ -1,4 +1,4 @@
-"""A kind of constraint, a verb and a set of constraints are added without an edit of the package."""
+"""Constraints, verbs and sets of constraints can be added without editing the package."""
 
 import re
 import subprocess
@@ -15,7 +15,7 @@ ROOT = CONF.parent
 
 
 def run(code: str) -> str:
-    """In a process of its own: what is added stays known in one."""
+    """The output of code in a process of its own, because registrations last as long as their process."""
     done = subprocess.run(
         [sys.executable, "-c", dedent(code)], cwd=ROOT, capture_output=True, text=True, timeout=120
     )
@@ -24,7 +24,7 @@ def run(code: str) -> str:
 
 
 @pytest.mark.slow
-def test_a_new_kind_is_read_checked_and_shown_to_models():
+def test_a_new_constraint_is_parsed_checked_and_shown_to_models():
     output = run(
         """
         from dataclasses import replace

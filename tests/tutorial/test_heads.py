@@ -1,4 +1,4 @@
-"""A head is one file and one recipe, without an edit of the package: it learns, is kept, and commands."""
+"""Policy heads from outside, each one file and one recipe, are trained, saved, loaded, and give commands."""
 
 import pytest
 
@@ -52,7 +52,7 @@ TRAINS = """
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["flow_matching", "act"])
-def test_a_head_from_outside_learns_and_commands(name: str) -> None:
+def test_a_head_from_outside_is_trained_and_gives_commands(name: str) -> None:
     size = "picture={width: 48, height: 32}"
     code = TRAINS.replace('f"picture={{width: WIDTH, height: HEIGHT}}"', repr(size)).replace("NAME", name)
     folder = run(code).strip()

@@ -1,4 +1,4 @@
-"""Where the recordings of these tests go."""
+"""Path of the recordings of these tests."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A recorder of two arms and a barrier, what is recorded with it, and how a file is read back."""
+"""A recorder of two arms and a barrier, data to record, and a reader of the files."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -19,7 +19,7 @@ LINKS = [viz.link_entity(agent, link) for agent in (1, 2) for link in ("panda_li
 EYE_M = np.array([1.05, 0.0, 0.75])
 CAMERAS = {
     "global": CameraModel(32, 24, np.deg2rad(70), from_axes(EYE_M, z=-EYE_M, y=(0, 0, -1))),
-    "agent1": CameraModel(32, 24, np.deg2rad(70), np.eye(4)),  # on the wrist: moves
+    "agent1": CameraModel(32, 24, np.deg2rad(70), np.eye(4)),  # moves with the wrist
 }
 QPOS = np.tile([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, 0.8, 0.04, 0.04], (2, 1))
 ACTION = np.tile([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, 0.8, -1.0], (2, 1))
@@ -32,21 +32,21 @@ def box(size_m: tuple[float, float, float]) -> viz.Mesh:
     return viz.Mesh(shape.vertices, shape.faces, (0.3, 0.3, 0.3))
 
 
-def open_recorder(path: Path, **changed) -> viz.Recorder:
+def open_recorder(path: Path, **overrides) -> viz.Recorder:
     meshes = {BARRIER: box((0.9, 0.05, 0.1)), **{link: box((0.1, 0.1, 0.3)) for link in LINKS}}
-    given = {
+    defaults = {
         "task": "lift_barrier",
         "title": "lift barrier, full, seed 7",
         "agents": 2,
         "cameras": CAMERAS,
         "meshes": meshes,
-        "moving": ["agent1"] if "agent1" in changed.get("cameras", CAMERAS) else [],
+        "moving": ["agent1"] if "agent1" in overrides.get("cameras", CAMERAS) else [],
     }
-    return viz.Recorder(path, **{**given, **changed})
+    return viz.Recorder(path, **{**defaults, **overrides})
 
 
 class Content:
-    """What a file holds, entity by entity."""
+    """The content of a recording, by entity."""
 
     def __init__(self, path: Path, store: rrc.StoreEntry | None = None) -> None:
         self.reader = rrc.RrdReader(path)
@@ -58,23 +58,23 @@ class Content:
             self.timelines[chunk.entity_path] |= set(chunk.timeline_names)
 
     def rows(self, entity: str, component: str) -> list[tuple[int | None, list]]:
-        """(step, value) of every row that has the component, in the order of logging; static: no step."""
-        found = []
+        """(step, value) of every row with the component, in the order of logging; step is None if static."""
+        matches = []
         for batch in self.batches[entity]:
             names = batch.schema.names
             if component in names:
                 values = batch.column(component).to_pylist()
                 steps = batch.column("step").to_pylist() if "step" in names else [None] * len(values)
                 order = [bytes(row) for row in batch.column(names[0]).to_pylist()]
-                found += [row for row in zip(order, steps, values, strict=True) if row[2] is not None]
-        return [(step, value) for _, step, value in sorted(found, key=lambda row: row[0])]
+                matches += [row for row in zip(order, steps, values, strict=True) if row[2] is not None]
+        return [(step, value) for _, step, value in sorted(matches, key=lambda row: row[0])]
 
     def column(self, entity: str, component: str) -> list:
-        """Every logged value of a component, in the order of logging."""
+        """All logged values of a component, in the order of logging."""
         return [value for _, value in self.rows(entity, component)]
 
     def steps(self, entity: str, component: str) -> list[int]:
-        """The step of every row that has the component."""
+        """The step of every row with the component."""
         return [step for step, _ in self.rows(entity, component) if step is not None]
 
     def texts(self, entity: str) -> list[str]:
@@ -92,8 +92,8 @@ RESULTS = (
 )
 
 
-def still(agent: int, *parts: tuple[str, int]) -> Trajectory:
-    """Segments of so many steps that do not move: pictures of plans only count steps."""
+def motionless(agent: int, *parts: tuple[str, int]) -> Trajectory:
+    """Segments without motion: figures of plans only use the numbers of steps."""
     segments = tuple(
         Segment(agent, Subgoal(agent, "grasp", "barrier", "left"), name, np.zeros((steps, 7)), np.ones(steps))
         for name, steps in parts
@@ -101,6 +101,6 @@ def still(agent: int, *parts: tuple[str, int]) -> Trajectory:
     return Trajectory(agent, np.zeros(7), 1.0, segments)
 
 
-TWO = (still(1, ("approach", 20), ("close", 10)), still(2, ("approach", 20)))
-# Agent 2 waits at its start while agent 1 makes ten steps, then both go on.
+TWO = (motionless(1, ("approach", 20), ("close", 10)), motionless(2, ("approach", 20)))
+# Agent 2 waits at its start while agent 1 makes ten steps, then both move.
 TIMED = Schedule(np.array([[t, 0] for t in range(10)] + [[10 + t, t] for t in range(21)]), 30)

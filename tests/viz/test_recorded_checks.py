@@ -1,4 +1,4 @@
-"""What a recording says of proposals, checks, violations and conditions."""
+"""Proposals, checks, violations and conditions in a recording."""
 
 import numpy as np
 
@@ -11,17 +11,19 @@ from rf_exp.viz.layout import PRIMITIVES, WAITS
 from tests.viz.recorded import BLOCKED, POSES, QPOS, RESULTS, Content, open_recorder
 
 
-def test_verdicts_and_violations_say_why(path):
+def test_verdicts_and_violations_have_reasons(path):
     with open_recorder(path) as recorder:
-        recorder.violation(CLASH, [(0.0, 0.1, 0.3), (0.0, -0.1, 0.3)])
-        recorder.violation(CLASH, [(0.0, 0.2, 0.3)])
+        recorder.violation(CONTACT, [(0.0, 0.1, 0.3), (0.0, -0.1, 0.3)])
+        recorder.violation(CONTACT, [(0.0, 0.2, 0.3)])
         recorder.violation(BLOCKED)
         recorder.step(3, poses=POSES, qpos=QPOS)
         recorder.verdict("ValidateSpatialOccupancy", True, "no shared voxel over 4.2 s")
     content = Content(path)
     lane = "/checks/ValidateSpatialOccupancy"
-    why = "agent 1 and agent 2: Agent_1 and Agent_2 touch each other with 31 N (31 N, bound 1 N, at 1.35 s)"
-    assert content.texts(lane)[0] == f"ValidateSpatialOccupancy: {why}"
+    reason = (
+        "agent 1 and agent 2: Agent_1 and Agent_2 touch each other with 31 N (31 N, bound 1 N, at 1.35 s)"
+    )
+    assert content.texts(lane)[0] == f"ValidateSpatialOccupancy: {reason}"
     assert content.texts(lane)[-1] == "ValidateSpatialOccupancy: no shared voxel over 4.2 s"
     assert content.texts("/checks/Motion") == [
         "Motion: agent 1: Agent_1 cannot go home: no free path (at 0.20 s)"
@@ -29,11 +31,11 @@ def test_verdicts_and_violations_say_why(path):
     assert content.column(lane, "StateChange:state") == [["violated"], ["violated"], ["holds"]]
     assert content.steps(lane, "StateChange:state") == [0, 0, 3]
     assert content.column(lane, "StateConfiguration:values") == [["holds", "violated"]]
-    marks = content.column("/world/violations", "Points3D:positions")[-1]
-    np.testing.assert_allclose(marks, [[0.0, 0.1, 0.3], [0.0, -0.1, 0.3], [0.0, 0.2, 0.3]], atol=1e-6)
+    markers = content.column("/world/violations", "Points3D:positions")[-1]
+    np.testing.assert_allclose(markers, [[0.0, 0.1, 0.3], [0.0, -0.1, 0.3], [0.0, 0.2, 0.3]], atol=1e-6)
 
 
-def test_lanes_tell_motions_from_waiting(path):
+def test_lanes_distinguish_motion_and_waiting(path):
     with open_recorder(path) as recorder:
         recorder.motion(1, "grasp barrier at left", "approach")
         recorder.step(3, poses=POSES, qpos=QPOS)
@@ -43,31 +45,31 @@ def test_lanes_tell_motions_from_waiting(path):
         recorder.motion(1, "", "")
     content, lane = Content(path), "/motions/agent1"
     states = [state for row in content.column(lane, "StateChange:state") for state in row]
-    shown = ["approach: grasp barrier at left", "waits", "lift: lift barrier by 0.2 m"]
-    assert states == [*shown, ""]
+    labels = ["approach: grasp barrier at left", "waits", "lift: lift barrier by 0.2 m"]
+    assert states == [*labels, ""]
     assert content.steps(lane, "StateChange:state") == [0, 3, 4, 4]
-    assert content.column(lane, "StateConfiguration:values")[-1] == shown
+    assert content.column(lane, "StateConfiguration:values")[-1] == labels
     colours = [PRIMITIVES["approach"], WAITS, PRIMITIVES["lift"]]
-    written = content.column(lane, "StateConfiguration:colors")[-1]
-    assert [(each >> 24, each >> 16 & 255, each >> 8 & 255) for each in written] == colours
+    colour_codes = content.column(lane, "StateConfiguration:colors")[-1]
+    assert [(each >> 24, each >> 16 & 255, each >> 8 & 255) for each in colour_codes] == colours
 
 
-CLASH = Violation(
+CONTACT = Violation(
     check=CheckName.OCCUPANCY, cause=Cause.SPACE, finding=Finding.TOUCHING, value=31.0, bound=1.0, unit="N",
     time_s=1.35, agents=(1, 2), measured=True,
 )  # fmt: skip
 
 
-def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(path):
+def test_the_check_code_shows_its_evidence_and_replaces_the_previous_one(path):
     with open_recorder(path) as recorder:
         recorder.violation(BLOCKED)
         recorder.plan_checks(RESULTS)
         recorder.step(5, poses=POSES, qpos=QPOS)
         recorder.plan_checks(RESULTS[:1])
     content = Content(path)
-    [refused], [first], [both] = content.column("/plan/checks", "TextDocument:text")
+    [violation], [first], [both] = content.column("/plan/checks", "TextDocument:text")
     assert (
-        refused
+        violation
         == "## Violation 1, step 0\n\n**Motion**: agent 1: Agent_1 cannot go home: no free path (at 0.20 s)"
     )
     assert first.startswith("## Check code 1, step 0")
@@ -77,7 +79,7 @@ def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(
     assert "and VSO(Agent_1)  # VIOLATED: 0.004 m, bound 0.01 m\n" in first
     assert "| **violated** | `VSO(Agent_1)` | 0.004 m | 0.01 m | 2.00 s | too near |" in first
     assert "| `VSO(Agent_2, objects)` | none | 0.003 m |" in first
-    assert "2 mm \\| off" in first  # else it would end the cell
+    assert "2 mm \\| off" in first  # unescaped, it would end the cell
 
     def lane(name: str) -> list[str]:
         return [state for row in content.column(f"/checks/{name}", "StateChange:state") for state in row]
@@ -87,16 +89,16 @@ def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(
     assert lane("Motion") == ["violated", ""]
 
 
-def test_the_mark_of_a_violation_leaves_after_half_a_second(path):
+def test_the_marker_of_a_violation_disappears_after_half_a_second(path):
     with open_recorder(path) as recorder:
-        recorder.violation(CLASH, [(0.0, 0.1, 0.3)])
+        recorder.violation(CONTACT, [(0.0, 0.1, 0.3)])
         for step in (5, 9, 10, 11):
             recorder.step(step, poses=POSES, qpos=QPOS)
     content = Content(path)
     assert content.steps("/world/violations", "Clear:is_recursive") == [10]
 
 
-def test_documents_show_every_attempt_newest_first(path):
+def test_documents_list_attempts_newest_first(path):
     goals = (Subgoal(1, "grasp", "barrier", "left"), Subgoal(2, "grasp", "barrier", "right"))
     proposal = Proposal(goals, (Together((1, 2), "lift", "barrier"),))
     with open_recorder(path) as recorder:
@@ -133,7 +135,7 @@ def test_conditions_are_lanes_and_numbers_are_curves(path):
         name: lane(name, "StateConfiguration:colors")[0] for name in ("held-by-both-arms", "arms-apart")
     }
     red = [[each >> 24, each >> 16 & 255, each >> 8 & 255] for each in (pair[1] for pair in colours.values())]
-    assert red[0] != red[1] == list(VIOLATED)  # a condition that is not there yet is no violation
+    assert red[0] != red[1] == list(VIOLATED)  # a condition that does not hold yet is not a violation
     assert content.column("/margins/lifted\\ \\(\\>\\ 0.15\\ m\\)", "Scalars:scalars") == [[0.5]]
     assert content.column("/arms/distances/agents\\ 1\\ and\\ 2", "Scalars:scalars") == [[12.5]]  # cm
     assert content.column("/contacts/agent\\ 1\\ on\\ barrier", "Scalars:scalars") == [[7.5]]
@@ -147,7 +149,7 @@ def test_the_verdict_is_a_table_and_its_end_a_list():
     rows = ["| holds | held |  |  | 1.00 s |", "| **not yet** | up | 0.02 m | > 0.15 | 0.00 s |"]
     assert lines[2:] == [*rows, "", "- steak is dropped"]
     account = Account(unmet=(Unmet("up; or down", 0.0),), closest=Closest(1, 2, 1.0, 0))
-    ended = text.outcome(Rollout(3, False, False, 84, 2, 1, account))
-    assert ended.startswith("**Failed after 4.20 s**")
-    assert "2 steps with a violation, 1 with contact between arms." in ended
-    assert ended.endswith("- failed: up; or down (never)\n- at best 1 of 2 (1.00 s)")
+    outcome = text.outcome(Rollout(3, False, False, 84, 2, 1, account))
+    assert outcome.startswith("**Failed after 4.20 s**")
+    assert "2 steps with a violation, 1 with contact between arms." in outcome
+    assert outcome.endswith("- failed: up; or down (never)\n- at best 1 of 2 (1.00 s)")

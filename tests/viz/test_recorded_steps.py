@@ -1,4 +1,4 @@
-"""Every step is read back with rerun's own reader: poses, pictures, occupancy, what is predicted."""
+"""Steps read back with rerun's own reader: poses, pictures, occupancy, predictions."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from rf_exp.viz.layout import AGENT_COLOURS
 from tests.viz.recorded import ACTION, BARRIER, CAMERAS, LINKS, PICTURE, POSES, QPOS, Content, open_recorder
 
 
-def test_every_step_is_there_on_both_timelines(path):
+def test_every_step_is_on_both_timelines(path):
     with open_recorder(path) as recorder:
         for step in range(5):
             moving = {viz.camera_entity("agent1"): transform((0, 0, 0.5 + 0.01 * step))}
@@ -42,7 +42,7 @@ def test_every_step_is_there_on_both_timelines(path):
     assert sorted(times) == [50_000_000 * step for step in range(5)]  # ns at 20 Hz
 
 
-def test_poses_and_pictures_come_back_as_given(path):
+def test_poses_and_pictures_are_read_as_written(path):
     with open_recorder(path) as recorder:
         recorder.step(0, poses=POSES, qpos=QPOS, pictures={"global": PICTURE})
     content = Content(path)
@@ -52,15 +52,15 @@ def test_poses_and_pictures_come_back_as_given(path):
     np.testing.assert_allclose(np.reshape(columns, (3, 3)).T, POSES[BARRIER][:3, :3], atol=1e-6)
     [[blob]] = content.column("/world/cameras/global", "EncodedImage:blob")
     picture = np.asarray(cv2.imdecode(np.array(blob, np.uint8), cv2.IMREAD_COLOR))[..., ::-1]
-    assert np.abs(picture.astype(int) - PICTURE).max() <= 6  # red stays red
+    assert np.abs(picture.astype(int) - PICTURE).max() <= 6  # the order of channels is kept
 
 
-def test_the_camera_sees_what_its_model_says(path):
+def test_the_recorded_camera_matches_its_model(path):
     with open_recorder(path):
         pass
     [[intrinsics]] = Content(path).column("/world/cameras/global", "Pinhole:image_from_camera")
     image_from_camera = np.reshape(intrinsics, (3, 3)).T
-    top = image_from_camera @ [0.0, -np.tan(np.deg2rad(35)), 1.0]  # half the vertical angle up
+    top = image_from_camera @ [0.0, -np.tan(np.deg2rad(35)), 1.0]  # half the vertical field of view upwards
     np.testing.assert_allclose(top[:2] / top[2], [16.0, 0.0], atol=1e-3)
 
 
@@ -82,7 +82,7 @@ def test_occupancy_has_the_colour_of_its_agent(path):
     assert content.steps("/world/occupancy/agent2", "Clear:is_recursive") == [1]
 
 
-def test_what_is_predicted_belongs_to_the_steps_to_come(path):
+def test_predictions_are_at_future_steps(path):
     chunk = np.tile(ACTION[0], (3, 1)) + np.arange(3)[:, None] * 0.1
     with open_recorder(path, panels="rollout") as recorder:
         recorder.step(4, poses=POSES, qpos=QPOS)
@@ -94,14 +94,14 @@ def test_what_is_predicted_belongs_to_the_steps_to_come(path):
     assert content.steps(dots, "Scalars:scalars") == [5, 6, 7]
     np.testing.assert_allclose(content.column(dots, "Scalars:scalars"), chunk[:, :7])
     opening = content.column("/gripper/agent1/predicted", "Scalars:scalars")
-    np.testing.assert_allclose(opening, [[0.0], [4.0], [8.0]], atol=1e-9)  # mm, of -1, -0.9, -0.8
-    assert content.steps("/log", "TextLog:text")[-1] == 4  # time goes on from where it was
+    np.testing.assert_allclose(opening, [[0.0], [4.0], [8.0]], atol=1e-9)  # mm, for -1, -0.9, -0.8
+    assert content.steps("/log", "TextLog:text")[-1] == 4  # later entries are at the current step
     assert content.steps("/world/paths/agent1/predicted", "LineStrips3D:strips") == [4]
 
 
 @pytest.mark.slow
 def test_a_hundred_steps_with_three_pictures_stay_small(path):
-    """Pictures without any flat ground: blobs of 20 pixels in all colours."""
+    """With pictures that are hard to compress: blobs of 20 pixels in all colours."""
     rng = np.random.default_rng(0)
     noise = cv2.resize(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8), (320, 240))
     cameras = {name: CameraModel(320, 240, 1.2, np.eye(4)) for name in ("global", "agent1", "agent2")}

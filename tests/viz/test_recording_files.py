@@ -1,4 +1,4 @@
-"""Recordings and films as files: whole whatever ends them, and what is refused."""
+"""Files of recordings and films: complete after any error, and invalid arguments refused."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from tests.children import small_files
 from tests.viz.recorded import BARRIER, BLOCKED, PICTURE, POSES, QPOS, Content, open_recorder
 
 
-def test_a_film_that_cannot_be_written_says_so(tmp_path):
+def test_an_unwritable_film_is_reported(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with (
         pytest.raises(StageError, match=r"cannot write the film .*x\.mp4"),
@@ -20,7 +20,7 @@ def test_a_film_that_cannot_be_written_says_so(tmp_path):
             film.add(np.zeros((240, 320, 3), np.uint8))
 
 
-def test_a_film_that_a_full_disk_cuts_off_is_no_film(tmp_path):
+def test_a_film_truncated_by_a_full_disk_is_refused(tmp_path):
     noise = np.random.default_rng(0).integers(0, 256, (40, 48, 64, 3), np.uint8)
     with (
         small_files(100_000),
@@ -40,10 +40,10 @@ def test_the_file_is_complete_after_an_exception(path):
     content = Content(path)
     assert content.steps(f"/{BARRIER}", "Transform3D:translation") == [4]
     assert content.texts("/log") == ["lift barrier, full, seed 7", "ended by RuntimeError: arm lost"]
-    content.reader.store()  # raises without the footer, which is written last
+    content.reader.store()  # fails without the footer, which is written last
 
 
-def test_two_recordings_at_once_stay_apart(path, tmp_path):
+def test_concurrent_recordings_are_separate(path, tmp_path):
     other_path = tmp_path / "other.rrd"
     with open_recorder(path) as recorder, open_recorder(other_path) as other:
         recorder.step(1, poses=POSES, qpos=QPOS)
@@ -56,7 +56,7 @@ def test_two_recordings_at_once_stay_apart(path, tmp_path):
     assert len(identifiers) == 2
 
 
-def test_nothing_is_lost_silently_after_close(path):
+def test_recording_after_close_is_an_error(path):
     recorder = open_recorder(path)
     recorder.close()
     recorder.close()
@@ -64,7 +64,7 @@ def test_nothing_is_lost_silently_after_close(path):
         recorder.note("too late")
 
 
-WRONG = {
+INVALID = {
     "pose shape": (
         {"poses": {BARRIER: np.eye(3)}},
         "poses['world/objects/barrier'] has shape 3x3; expected 4x4",
@@ -98,14 +98,14 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("changed, message", WRONG.values(), ids=WRONG)
-def test_a_wrong_term_of_a_step_is_named(path, changed, message):
+@pytest.mark.parametrize("overrides, message", INVALID.values(), ids=INVALID)
+def test_an_invalid_argument_of_a_step_is_named(path, overrides, message):
     with open_recorder(path) as recorder, pytest.raises(ArgumentError) as error:
-        recorder.step(0, **{"poses": POSES, "qpos": QPOS, **changed})
+        recorder.step(0, **{"poses": POSES, "qpos": QPOS, **overrides})
     assert message in str(error.value)
 
 
-def test_other_wrong_values_are_named(path):
+def test_other_invalid_values_are_named(path):
     with open_recorder(path) as recorder:
         recorder.step(5, poses=POSES, qpos=QPOS)
         with pytest.raises(ArgumentError, match="step 4 comes after step 5; steps do not go back"):
@@ -120,7 +120,7 @@ def test_other_wrong_values_are_named(path):
             recorder.motion(0, "home", "move")
 
 
-def test_wrong_recordings_are_refused_with_the_reason(path, tmp_path):
+def test_invalid_recordings_are_refused_with_the_reason(path, tmp_path):
     with pytest.raises(ArgumentError, match=r"generate-7\.mp4: the viewer opens only .* \.rrd"):
         open_recorder(path.with_suffix(".mp4"))
     with pytest.raises(ArgumentError, match="recording of 0 agents; expected at least 1"):

@@ -1,4 +1,4 @@
-"""The layout of the viewer is in the file, and no view of it stays empty."""
+"""The viewer's layout is in the file, and none of its views is empty."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from tests.viz.recorded import (
 )
 
 
-def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(path):
+def test_the_layout_of_a_rollout_is_in_the_file_and_its_views_have_data(path):
     with open_recorder(path, panels="rollout") as recorder:
         recorder.step(
             0, poses=POSES, qpos=QPOS, action=ACTION, pictures={"global": PICTURE, "agent1": PICTURE}
@@ -33,7 +33,7 @@ def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(pat
         recorder.contact("agent 1 on barrier", 3.0)
         recorder.judgement(Markdown("so far"))
     origins, names, classes = layout(path)
-    assert classes.count("2D") == len(CAMERAS) + legends(names, classes)  # and no diagrams
+    assert classes.count("2D") == len(CAMERAS) + legends(names, classes)  # no diagrams
     assert {"conditions over time", "distance of arms (cm)", "contacts (N)", "verdict"} <= set(names)
     recorded = Content(path).batches
     for origin in origins:
@@ -41,12 +41,12 @@ def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(pat
 
 
 def legends(names: list[str], classes: list[str]) -> int:
-    """How many legends there are: one beside the curves of each view."""
+    """The number of legends, one for each view with curves."""
     assert names.count("legend") == classes.count("TimeSeries") > 0
     return names.count("legend")
 
 
-def test_a_legend_says_once_what_each_curve_is(path):
+def test_a_legend_names_each_curve_once(path):
     with open_recorder(path, panels="rollout") as recorder:
         recorder.step(0, poses=POSES, qpos=QPOS, action=ACTION)
         recorder.predicted_targets(1, 1, ACTION[:1])
@@ -54,16 +54,16 @@ def test_a_legend_says_once_what_each_curve_is(path):
         recorder.distance(1, 2, 0.3)
         recorder.distance(1, 2, 0.2)
     content = Content(path)
-    joints, apart = (
+    joints, distances = (
         content.column(f"/legends/{group}", "Points2D:labels")[-1]
         for group in ("joints/agent1", "arms/distances")
     )
     assert joints == [*(f"q{joint}" for joint in range(1, 8)), "thin: target", "dots: predicted"]
-    assert apart == ["agents 1 and 2"]
+    assert distances == ["agents 1 and 2"]
 
 
 def layout(path: Path) -> tuple[list[str], list[str], list[str]]:
-    """Origin, name and class of every view in the layout of a file."""
+    """Origins, names and classes of the views in the layout of a file."""
     [entry] = Content(path).blueprints
     content = Content(path, entry)
     views = [entity for entity in content.batches if entity.startswith("/view/") and entity.count("/") == 2]
@@ -83,9 +83,9 @@ def test_the_layout_is_in_the_file(path, cameras):
         recorder.motion(1, "home", "move")
         recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
     origins, names, classes = layout(path)
-    assert classes.count("2D") == len(cameras) + legends(names, classes) + 1  # and the diagrams
+    assert classes.count("2D") == len(cameras) + legends(names, classes) + 1  # plus the diagrams
     assert classes.count("3D") == 2  # with and without occupancy
     assert {"agent 1 joints (rad)", "agent 2 joints (rad)", "grippers (mm open)", "log"} <= set(names)
     recorded = Content(path).batches
-    for origin in origins:  # a view of an entity that is never written would stay empty
+    for origin in origins:  # views of unwritten entities would be empty
         assert any(entity.startswith(f"/{origin.strip('/')}") for entity in recorded), origin

@@ -1,4 +1,4 @@
-"""Serve a robot policy to rf_exp; see `rf_exp_client.client` and the document that README.md names."""
+"""Server of a robot policy for rf_exp; see `rf_exp_client.client` and docs/serving.md."""
 
 from .client import *  # noqa: F403
 from .client import __all__ as __all__

@@ -1,4 +1,4 @@
-"""`python -m rf_exp_client`, which is the command `rf_exp-client`."""
+"""`python -m rf_exp_client`: the same as the command `rf_exp-client`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Tables made of rows whose figures a test can count, and how they are read."""
+"""Tables from rows whose figures a test can count, their formats and their cells."""
 
 import io
 import random
@@ -32,7 +32,7 @@ def evaluated(*rows: list) -> Results:  # type: ignore[type-arg]
 
 
 def at(table: Table, line: str, column: str) -> Any:
-    """The cell of a line and a column, of the kind that the test knows it to be."""
+    """The cell of a line and a column; untyped, as the test knows its kind."""
     return table.cell(line, column)
 
 
@@ -41,7 +41,7 @@ def made(name: str, results: Results, suite: Suite = SUITE) -> Table:
 
 
 def followers(table: Table) -> Iterator[tuple[Column, Column]]:
-    """(column of success, the column after it); of the tables of the ablation also their lengths."""
+    """(column of a success rate, the column after it); in `ablation_length` also columns of lengths."""
     kinds = (Rate, Length) if table.name == "ablation_length" else (Rate,)
     for column, after in zip(table.columns, (*table.columns[1:], Column("end", "")), strict=True):
         if column.kind in kinds:
@@ -50,7 +50,7 @@ def followers(table: Table) -> Iterator[tuple[Column, Column]]:
 
 @cache
 def counted() -> tuple[dict[GenerationRow, int], dict[EvaluationRow, int]]:
-    """Rows of everything that a table tells apart, and how many violations each of them had."""
+    """Rows of every kind that tables distinguish -> their violations; of generation, and of evaluation."""
     rng = random.Random(5)
     made: dict[GenerationRow, int] = {}
     rolled: dict[EvaluationRow, int] = {}
@@ -104,7 +104,7 @@ def by_hand(name: str, line: str, column: str) -> list[int]:
 
 
 def html(table: Table) -> str:
-    """The table on a page."""
+    """The table on an HTML page."""
     section = page.Section(table.name, table.title, table=page.layout(table))
     return page.document("A page", "a paper", [section])
 

@@ -1,4 +1,4 @@
-"""The table of brains: what their answers came to, counted by hand."""
+"""The table of brains, compared with figures counted by hand."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ MODEL = "openai+some-model"
 
 
 def answered(brain: str, *dialogues: Dialogue) -> list[GenerationRow]:
-    """A success of 100 steps and more for each of these dialogues."""
+    """A row for each of these dialogues: a success of 100 steps or more."""
     rows = generation("lift_barrier", "full", len(dialogues), 0, brain=brain)
     return [replace(row, dialogue=each) for row, each in zip(rows, dialogues, strict=True)]
 
@@ -49,19 +49,21 @@ def test_every_brain_has_a_line_once_there_is_another_than_the_scripted_one() ->
 
 def test_figures_are_those_of_the_answers() -> None:
     table, line = brains(generated(SCRIPTED, MODELS), SUITE), f"lift_barrier-{MODEL}"
-    told = {column.key: cell.value for column, cell in zip(table.columns, table.lines[1].cells, strict=True)}
-    assert told["first"] == 0.5 and told["success"] == 1.0 and at(table, line, "first").n == 2
-    assert told["repaired"] == "100 / 100 / 100 %"
-    assert told["repairs"] == "1.00 in 1.5 rounds"
-    assert told["refusals"] == "out_of_reach 2, dropped 1; of 5"
-    assert told["tokens"] == "750 + 150"
-    assert told["idle"] == f"{(1 - 150 / 200 + 1) / 2:.2f}" and told["balance"] == "0.50"
-    assert told["makespan"] == "1.500" and told["precision"] == "2 of 3"
-    assert told["constraints"] == "5.7 / 5.0 / 4.0 of 9.0"  # of LACKING twice, and STOPPED
+    values = {
+        column.key: cell.value for column, cell in zip(table.columns, table.lines[1].cells, strict=True)
+    }
+    assert values["first"] == 0.5 and values["success"] == 1.0 and at(table, line, "first").n == 2
+    assert values["repaired"] == "100 / 100 / 100 %"
+    assert values["repairs"] == "1.00 in 1.5 rounds"
+    assert values["refusals"] == "out_of_reach 2, dropped 1; of 5"
+    assert values["tokens"] == "750 + 150"
+    assert values["idle"] == f"{(1 - 150 / 200 + 1) / 2:.2f}" and values["balance"] == "0.50"
+    assert values["makespan"] == "1.500" and values["precision"] == "2 of 3"
+    assert values["constraints"] == "5.7 / 5.0 / 4.0 of 9.0"  # means of LACKING twice, and STOPPED
     assert at(table, "lift_barrier-scripted", "tokens").value == "-"
 
 
-def test_brains_stand_side_by_side_on_a_terminal() -> None:
+def test_brains_are_columns_on_a_terminal() -> None:
     table = brains(generated(SCRIPTED, MODELS), SUITE)
     ((title, heading, rows),) = transposed(table, lambda cell: cell.markdown())
     assert title == "Lift Barrier" and heading == ["Brain", "scripted", MODEL]
@@ -71,7 +73,7 @@ def test_brains_stand_side_by_side_on_a_terminal() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".tsv"])
-def test_rows_keep_what_was_answered(suffix: str, tmp_path: Path) -> None:
+def test_rows_hold_their_dialogue(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"results/generate/lift_barrier/full{suffix}"
     if suffix == ".tsv":
         write_published(path, Published(tuple(MODELS)))

@@ -1,4 +1,4 @@
-"""Success and length of the expert: the right denominators, nothing mixed, nothing hidden."""
+"""Success and length of the expert: correct denominators, versions kept apart, omissions noted."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ def test_versions_never_share_a_cell() -> None:
     assert f"logical + spatial + temporal, Lift Barrier: {cell.note}." in formats.notes(table)
 
 
-def test_another_brain_has_rows_of_its_own() -> None:
+def test_another_brain_has_lines_of_its_own() -> None:
     rows = [
         generation("lift_barrier", "full", 5, 0),
         generation("lift_barrier", "full", 1, 4, brain="openai"),
@@ -78,16 +78,16 @@ def test_the_gap_between_rows_comes_with_its_interval() -> None:
 def test_disturbed_seeds_measure_no_expert_and_are_counted_apart() -> None:
     good = generation("lift_barrier", "full", 10, 0)
     bad = [replace(row, disturbance_rad=0.05) for row in generation("lift_barrier", "full", 1, 9)]
-    learnt = evaluation("take_photo", "separate_local", 150, 1, 1, recipe="fast", disturbance_rad=0.05)
+    trained = evaluation("take_photo", "separate_local", 150, 1, 1, recipe="fast", disturbance_rad=0.05)
     both, plain = (
-        build(Results(generation=rows, evaluation=tuple(learnt)), SUITE)
+        build(Results(generation=rows, evaluation=tuple(trained)), SUITE)
         for rows in ((*good, *bad), tuple(good))
     )
     assert both["ablation_success"].lines == plain["ablation_success"].lines
     cells = [at(both["tasks"], "lift_barrier", key).value for key in ("generated", "disturbed")]
     assert cells == [1.0, 0.1]
     assert "disturbed" not in {column.key for column in plain["tasks"].columns}
-    said = "Recipe fast learns from demonstrations whose execution was disturbed, by 0.05 rad."
+    note = "Recipe fast learns from demonstrations whose execution was disturbed, by 0.05 rad."
     for name, table in both.items():
-        assert table.notes[-1] == said, name
+        assert table.notes[-1] == note, name
         assert table.notes[-2].startswith("10 seeds of disturbed demonstrations do not measure the expert")

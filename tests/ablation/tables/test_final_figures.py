@@ -1,4 +1,4 @@
-"""Final scenes, on which nothing was chosen: in a table of their own, beside those of all others."""
+"""Final scenes, on which nothing was tuned: in a table of their own, beside the trial scenes."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The figures of the paper, which stand beside ours."""
+"""The figures of the paper, which are shown beside ours."""
 
 import pytest
 
@@ -7,12 +7,12 @@ from rf_exp.ablation.tables import TABLES, build
 from tests.ablation.tables.making import EMPTY, NAMES, at
 
 
-def test_the_names_are_the_contract() -> None:
+def test_the_names_of_tables_are_fixed() -> None:
     assert list(TABLES) == NAMES
 
 
 def test_the_paper_s_averages_follow_from_its_figures() -> None:
-    """Guards the figures against a slip of the pen: the printed averages are their rounded means."""
+    """Guards the figures against typing errors: the printed averages are their rounded means."""
     for agents, averages in paper().averages.items():
         level = [name for name, count in paper().levels.items() if count == agents]
         for demos, average in averages.items():
@@ -27,7 +27,7 @@ def test_the_paper_s_tables_agree_where_they_overlap() -> None:
     assert len(paper().levels) == 11
 
 
-def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
+def test_without_rows_every_paper_figure_is_beside_missing() -> None:
     built = build(EMPTY, configured())
     for name in ("ablation_success", "ablation_length"):
         for row, figures in getattr(paper(), name).items():

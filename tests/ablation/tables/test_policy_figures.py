@@ -1,4 +1,4 @@
-"""Success of policies: by architecture, demonstrations and recipe; those of others apart."""
+"""Success of policies: by architecture, demonstrations and recipe; foreign policies separately."""
 
 import pytest
 
@@ -23,13 +23,13 @@ def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
     assert "10 rollouts of policies that learnt from logical data are not in this table." in table.notes
 
 
-def test_who_was_told_of_the_true_state_is_said() -> None:
-    local, told = (
+def test_privileged_state_of_policies_is_noted() -> None:
+    local, privileged = (
         evaluation("take_photo", arch, 150, 9, 1) for arch in ("separate_local", "separate_coordinated")
     )
-    for rows, said in ((local, 0), (local + told, 1)):
+    for rows, count in ((local, 0), (local + privileged, 1)):
         notes = made("architectures", evaluated(rows)).notes
-        assert sum("made in the true state of the scene" in note for note in notes) == said
+        assert sum("made in the true state of the scene" in note for note in notes) == count
 
 
 def test_training_seeds_are_pooled_and_named() -> None:
@@ -58,8 +58,8 @@ def test_recipes_have_lines_of_their_own_and_privileged_state_comes_last() -> No
     of_paper = evaluation("lift_barrier", "separate_local", 150, 2, 4)
     ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast", core_s=90.0)
     ours = [*ours, *evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast", core_s=60.0)]
-    told = evaluation("lift_barrier", "separate_local", 150, 30, 0, recipe="state", observation="state")
-    table = build(evaluated(of_paper, ours, told), SUITE)["benchmark"]
+    privileged = evaluation("lift_barrier", "separate_local", 150, 30, 0, recipe="state", observation="state")
+    table = build(evaluated(of_paper, ours, privileged), SUITE)["benchmark"]
     lines = {line.key: line for line in table.lines}
     rates = {
         key: (lines[key].cells[1].value, at(table, key, "demos_150").value)
@@ -77,11 +77,11 @@ def test_recipes_have_lines_of_their_own_and_privileged_state_comes_last() -> No
         "Policies of recipe state are given the true poses of all things (privileged state)." in table.notes
     )
     other = evaluation("lift_barrier", "shared_local", 150, 1, 5)
-    shown = made("architectures", evaluated(of_paper, other, ours, told))
+    shown = made("architectures", evaluated(of_paper, other, ours, privileged))
     assert [(line.key, line.cells[1].value) for line in shown.lines if "separate_local" in line.key] == [
         ("separate_local-50", "fast"),
         ("separate_local-150", "fast"),
-        ("separate_local-150-paper", "paper"),  # of state there is no other architecture
+        ("separate_local-150-paper", "paper"),  # recipe state has no other architecture
     ]
 
 
@@ -92,10 +92,10 @@ def test_further_recipes_have_lines_where_they_have_rows() -> None:
     assert [line.key for line in table.lines if line.cells[1].value == "blind"] == ["lift_barrier-blind"]
     of_first = [line for line in table.lines if line.cells[1].value == "fast"]
     assert len(of_first) == len(paper().levels) + len(paper().averages)
-    assert list(table.lines[: len(of_first)]) == of_first  # the paper's table stands whole, above all others
+    assert list(table.lines[: len(of_first)]) == of_first  # the paper's table is first, and complete
 
 
-def test_recipes_are_compared_where_they_learned_the_same() -> None:
+def test_recipes_are_compared_on_the_same_demonstrations() -> None:
     ours, other = (
         [
             *evaluation("place_food", "separate_local", 50, wins, 10 - wins, recipe=recipe),
@@ -106,7 +106,7 @@ def test_recipes_are_compared_where_they_learned_the_same() -> None:
     alone = evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast")
     elsewhere = evaluation("place_food", "separate_local", 150, 1, 1, recipe="fast")
     table = made("recipes", evaluated(other, ours, alone, elsewhere))
-    assert [line.key for line in table.lines] == ["fast-50", "blind-50"]  # whom a profile chooses comes first
+    assert [line.key for line in table.lines] == ["fast-50", "blind-50"]  # that of the profiles is first
     assert [column.key for column in table.columns if column.compared] == ["place_food", "lift_barrier"]
     assert at(table, "blind-50", "place_food").value == 0.4
     assert at(table, "blind-50", "place_food").paper == 0.05
@@ -116,8 +116,8 @@ def test_recipes_are_compared_where_they_learned_the_same() -> None:
     assert made("recipes", evaluated(ours)).lines == ()
 
 
-def test_policies_of_others_count_in_no_table_of_ours() -> None:
-    """Though they have more rows, and are called as a recipe of ours is."""
+def test_foreign_policies_count_in_no_other_table() -> None:
+    """Even with more rows, and the name of a recipe of ours."""
     ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast")
     others = evaluation("lift_barrier", "foreign", 0, 40, 10, recipe="fast", violations=(3,))
     alone, beside = build(evaluated(ours), SUITE), build(evaluated(ours, others), SUITE)

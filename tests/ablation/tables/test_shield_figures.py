@@ -9,7 +9,7 @@ from tests.ablation.tables.making import at, evaluated, made
 
 
 def shielded_rows() -> Results:
-    """15 scenes of one policy, 10 of them also with a shield, and a policy that was only shielded."""
+    """15 scenes of one policy, 10 of them also with a shield, and a policy with shielded scenes only."""
     without = evaluation("lift_barrier", "separate_local", 150, 6, 9, violations=(4, 0), contacts=2)
     with_it = evaluation("lift_barrier", "separate_local", 150, 8, 2, shield=True, interventions=7)
     alone = evaluation("take_photo", "shared_local", 50, 1, 1, shield=True)

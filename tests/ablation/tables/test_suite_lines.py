@@ -1,4 +1,4 @@
-"""The tasks of the suite, in the words of their files, and a task of one's own."""
+"""The tasks of the suite, in the words of their files, and custom tasks."""
 
 import pytest
 import yaml
@@ -25,7 +25,7 @@ def test_every_configured_task_is_shown_in_the_words_of_its_file() -> None:
         assert at(table, path.stem, "criteria").value
 
 
-def test_a_task_of_one_s_own_comes_after_the_paper_s() -> None:
+def test_a_custom_task_comes_after_the_paper_s() -> None:
     own = {**SUITE, "pour_tea": TaskFacts("Tea, Poured", 1, "An arm pours.", "The cup is full.", "3")}
     table = made("tasks", EMPTY, own)
     assert [line.key for line in table.lines] == [*paper().levels, "pour_tea"]
@@ -42,14 +42,14 @@ def test_tasks_of_the_paper_that_are_not_configured_are_named() -> None:
 
 
 def test_comparison_derives_its_own_row_from_the_tasks() -> None:
-    def here(suite: Suite) -> list[object]:
+    def own_row(suite: Suite) -> list[object]:
         table = made("comparison", EMPTY, suite)
         return [at(table, "This suite", key).value for key in ("single", "multi", "level")]
 
-    alone = TaskFacts("Pick", 1, "", "", "1")
-    assert here(SUITE) == ["no", "yes", "Plan & Control"]
-    assert here({"pick": alone}) == ["yes", "no", "Plan & Control"]
-    assert here({**SUITE, "pick": alone}) == ["yes", "yes", "Plan & Control"]
+    single_arm = TaskFacts("Pick", 1, "", "", "1")
+    assert own_row(SUITE) == ["no", "yes", "Plan & Control"]
+    assert own_row({"pick": single_arm}) == ["yes", "no", "Plan & Control"]
+    assert own_row({**SUITE, "pick": single_arm}) == ["yes", "yes", "Plan & Control"]
     assert made("comparison", EMPTY).caption.endswith("2 tasks, by number of agents: 1 with 2, 1 with 4.")
 
 

@@ -54,13 +54,13 @@ def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
     assert "predefined threshold" not in text
 
 
-def test_what_is_to_be_said_of_several_tables_is_said_once(out: Path) -> None:
-    tables, terminal, said = build(load(out), configured()), io.StringIO(), set[str]()
+def test_a_note_of_several_tables_is_shown_once(out: Path) -> None:
+    tables, terminal, shown_notes = build(load(out), configured()), io.StringIO(), set[str]()
     several = [replace(table, notes=("of them all",)) for table in tables.values() if table.measured]
     assert len(several) > 1
     for table in several:
-        formats.show(table, Console(file=terminal, width=80), said)
-    assert terminal.getvalue().count("- of them all") == 1 and "of them all" in said
+        formats.show(table, Console(file=terminal, width=80), shown_notes)
+    assert terminal.getvalue().count("- of them all") == 1 and "of them all" in shown_notes
 
 
 @pytest.mark.slow
@@ -74,13 +74,13 @@ def test_a_terminal_of_80_columns_holds_every_table(name: str) -> None:
     words = set(text.split())
     for line in table.lines:
         for index, after in table.compared:
-            told = set(line.title.split()) | set(table.columns[index].title.split())
+            expected = set(line.title.split()) | set(table.columns[index].title.split())
             for place in (index, *([] if after is None else [after])):
                 cell = line.cells[place]
                 assert isinstance(cell, Figure)
-                told |= set(" ".join([cell.figure, *cell.details]).split())
-                told |= set(" ".join(cell.clean_figure).split()) if isinstance(cell, Rate) else set()
-            assert told <= words | {word.rstrip(",") for word in words}, line.title
+                expected |= set(" ".join([cell.figure, *cell.details]).split())
+                expected |= set(" ".join(cell.clean_figure).split()) if isinstance(cell, Rate) else set()
+            assert expected <= words | {word.rstrip(",") for word in words}, line.title
     assert all(word in words for note in formats.notes(table) for word in note.split())
 
 

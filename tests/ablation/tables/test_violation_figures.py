@@ -1,4 +1,4 @@
-"""Violations stand beside every success rate, of the same rows and in every format."""
+"""Violations are shown beside every success rate, of the same rows and in every format."""
 
 import csv
 import io
@@ -25,11 +25,11 @@ from tests.ablation.tables.making import (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: str) -> None:
+def test_violations_of_the_same_rows_are_beside_every_success_rate(name: str) -> None:
     made_rows, rolled = counted()
     table = made(name, Results(tuple(made_rows), tuple(rolled)))
     beside = list(followers(table))
-    assert bool(beside) == (name not in ("comparison", "recipes"))  # texts alone; one recipe is not compared
+    assert bool(beside) == (name not in ("comparison", "recipes"))  # text only; a single recipe
     for column, after in beside:
         assert (after.key, after.title, after.kind) == (f"{column.key}_violations", "violations", Violations)
         for line in (line for line in table.lines if line.title != "Average"):
@@ -74,7 +74,7 @@ def test_every_format_shows_the_violations(name: str) -> None:
             assert int(row["n"]) == int(rows[line.key, column.key]["n"])
 
 
-def test_a_note_is_told_once_and_violations_are_never_compared() -> None:
+def test_a_note_is_shown_once_and_violations_are_never_compared() -> None:
     rows = [
         generation("lift_barrier", "full", 5, 5, version="2", violations=(1, 0)),
         generation("lift_barrier", "full", 5, 5, version="1"),
@@ -91,7 +91,7 @@ def test_a_note_is_told_once_and_violations_are_never_compared() -> None:
 
 
 def test_success_without_a_violation_is_counted_beside_success() -> None:
-    """Of four successes two needed no repair. Every format shows it as boldly as success and violations."""
+    """Two of four successes needed no repair; every format shows it in bold, like success and violations."""
     rows = [
         *generation("lift_barrier", "logical", 4, 6, violations=(0, 1, 2, 0, BUDGET)),
         *generation("lift_barrier", "full", 9, 1, violations=(0,) * 9 + (BUDGET,)),

@@ -1,4 +1,4 @@
-"""A model on loopback, asked as runs ask one."""
+"""Requests to a model on the loopback interface, in the same way as runs."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ GOOD = '{"Subgoals": {"Agent_1": "hold"}}'
 
 
 def openai_spec(url, **changes) -> OpenAISpec:
-    """`conf/brain/openai.yaml` as it is, but for the server and little patience."""
+    """`conf/brain/openai.yaml` with the test server and without retries."""
     node = yaml.safe_load((CONF / "brain" / "openai.yaml").read_text())
     node |= {"base_url": url, "api_key_env": "TEST_KEY", "exchanges": None, "retries": 0}
     spec = read_brain(node | changes)
@@ -25,7 +25,7 @@ def openai_spec(url, **changes) -> OpenAISpec:
 
 
 def scripted_answers(task):
-    """The texts of the proposals that lift the barrier: grasp, lift, nothing left to do."""
+    """Answers that lift the barrier: grasp, lift, and the empty proposal of a finished task."""
     scene = start_scene(task, 0)
     held = replace(scene, held=("barrier", "barrier"))
     proposals = [task.module.plan(each, task) for each in (scene, held)]

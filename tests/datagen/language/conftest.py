@@ -1,4 +1,4 @@
-"""The server, and the real simulator."""
+"""Fixtures: language model server and real simulator."""
 
 import pytest
 
@@ -17,6 +17,6 @@ def server(monkeypatch):
 
 
 @pytest.fixture(scope="package")
-def lift_world():
+def lift_sim():
     with Simulator(read_task("lift_barrier"), render=False) as world:
         yield world

@@ -1,4 +1,4 @@
-"""Everything that can go wrong between the question and a proposal."""
+"""Errors between a question and its proposal: transport, format and content of answers."""
 
 import gzip
 import json
@@ -127,7 +127,7 @@ def test_the_text_is_found_in_every_kind_of_completion(way, lift_barrier, server
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", BAD)
-def test_an_answer_that_is_none_says_why(kind, lift_barrier, server):
+def test_an_invalid_answer_is_explained(kind, lift_barrier, server):
     bad, reason = BAD[kind]
     server.replies = [bad]
     with pytest.raises(BadAnswer, match=re.escape(reason)):
@@ -136,12 +136,12 @@ def test_an_answer_that_is_none_says_why(kind, lift_barrier, server):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", BAD)
-def test_an_answer_that_is_none_is_repaired_by_the_next_one(kind, lift_world, server, tmp_path):
-    """Bad first, then sound: the episode succeeds at the second attempt, knowing what was wrong."""
+def test_an_invalid_answer_is_repaired_by_the_next_one(kind, lift_sim, server, tmp_path):
+    """A bad answer, then valid ones: the second request contains the error, and the episode succeeds."""
     bad, reason = BAD[kind]
-    server.replies = [bad, *(completion(text) for text in scripted_answers(lift_world.task))]
+    server.replies = [bad, *(completion(text) for text in scripted_answers(lift_sim.task))]
     spec = openai_spec(server.url, timeout_s=0.3, deadline_s=1.0, exchanges=str(tmp_path))
-    outcome = make(lift_world, spec)
+    outcome = make(lift_sim, spec)
     assert outcome.success and outcome.attempts == 2
     exchanges = read_exchanges((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
     assert reason in str(exchanges[1].messages[1]["text"])
@@ -149,19 +149,19 @@ def test_an_answer_that_is_none_is_repaired_by_the_next_one(kind, lift_world, se
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wrong JSON", "refused by the model", "connection closed half-way"])
-def test_an_answer_that_stays_bad_is_a_clear_failure(kind, lift_world, server):
+def test_repeated_invalid_answers_end_with_their_reason(kind, lift_sim, server):
     bad, reason = BAD[kind]
     server.replies = [bad]
-    outcome = make(lift_world, openai_spec(server.url), attempts=2)
+    outcome = make(lift_sim, openai_spec(server.url), attempts=2)
     assert not outcome.success and outcome.attempts == 2 and reason in outcome.reason
 
 
-def test_a_server_that_is_not_there_is_a_clear_failure(lift_world, monkeypatch):
+def test_a_missing_server_is_reported(lift_sim, monkeypatch):
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    with socket.socket() as taken:  # bound, but nobody listens: connections are refused
-        taken.bind(("127.0.0.1", 0))
-        spec = openai_spec(f"http://127.0.0.1:{taken.getsockname()[1]}/v1")
-        outcome = make(lift_world, spec, attempts=2)
+    with socket.socket() as bound:  # bound but not listening: connections are refused
+        bound.bind(("127.0.0.1", 0))
+        spec = openai_spec(f"http://127.0.0.1:{bound.getsockname()[1]}/v1")
+        outcome = make(lift_sim, spec, attempts=2)
     assert not outcome.success and "the model was not reached: ConnectError" in outcome.reason
 
 
@@ -192,7 +192,7 @@ def test_calls_keep_their_interval_and_their_budget(lift_barrier, server, monkey
     assert len(server.requests) == 2
 
 
-LISTS = b"[" + b"[]," * (MAX_BODY_BYTES // 3 - 100) + b"[]]"  # as many as a body can hold
+LISTS = b"[" + b"[]," * (MAX_BODY_BYTES // 3 - 100) + b"[]]"  # as many lists as fit into a body
 
 
 @pytest.mark.slow
@@ -204,14 +204,14 @@ LISTS = b"[" + b"[]," * (MAX_BODY_BYTES // 3 - 100) + b"[]]"  # as many as a bod
         b'{"choices": [{"message": {"tool_calls": ' + LISTS.replace(b"[],", b"{},") + b"}}]}",
     ],
 )
-def test_of_many_things_that_are_none_one_is_told(body: bytes) -> None:
+def test_one_of_many_invalid_entries_is_reported_quickly(body: bytes) -> None:
     began_s = time.process_time()
     with pytest.raises(BadAnswer, match="the server's answer is not a chat completion: "):
         parse_completion(body, "application/json")
     assert time.process_time() - began_s < 0.8
 
 
-def test_of_many_agents_that_are_none_one_is_told(lift_barrier) -> None:
+def test_one_of_many_invalid_agents_is_reported(lift_barrier) -> None:
     entry = {"Agents": [[]] * 60_000, "Constraint": "x"}
     answer = {"Subgoals": {"Agent_1": "hold"}, "Constraints": {"Logical": [entry]}}
     with pytest.raises(BadAnswer) as caught:
@@ -229,11 +229,11 @@ def test_of_many_agents_that_are_none_one_is_told(lift_barrier) -> None:
         (None, None),
     ],
 )
-def test_tokens_are_those_that_the_server_tells_of(usage, told):
+def test_token_counts_are_those_of_the_server(usage, told):
     choice = {"message": {"content": GOOD[:9]}, "finish_reason": "length"}
     found = parse_completion(json.dumps({"choices": [choice], "usage": usage}).encode(), "application/json")
     assert (found.usage and (found.usage.prompt_tokens, found.usage.completion_tokens)) == told
     assert found.finish_reason == "length"
-    with pytest.raises(BadAnswer, match="cut off") as cut:  # of use to nobody, but paid for
+    with pytest.raises(BadAnswer, match="cut off") as cut:  # unusable, but its tokens are counted
         _ = found.text
     assert cut.value.finding is Finding.CUT_OFF

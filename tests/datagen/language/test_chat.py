@@ -1,4 +1,4 @@
-"""What is asked, what comes of it, and the recording that answers once more."""
+"""Requests to language models, their answers, and replay from recordings."""
 
 import base64
 import json
@@ -19,22 +19,22 @@ from tests.scenes import rejection, start_scene
 
 
 @pytest.mark.slow
-def test_a_model_makes_an_episode_that_is_repeated_from_its_recording(lift_world, server, tmp_path):
-    task = lift_world.task
+def test_a_model_makes_an_episode_that_is_repeated_from_its_recording(lift_sim, server, tmp_path):
+    task = lift_sim.task
     server.replies = [completion(text) for text in scripted_answers(task)]
     spec = openai_spec(server.url, exchanges=str(tmp_path))
-    live = make(lift_world, spec)
+    live = make(lift_sim, spec)
     assert live.success and live.attempts == 1 and len(server.requests) == 3
     assert set(server.keys) == {f"Bearer {KEY}"}
 
-    kept = read_exchanges((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
-    assert [(e.call, e.purpose, e.error) for e in kept] == [(k, "propose", None) for k in (1, 2, 3)]
-    assert kept[0].reply == scripted_answers(task)[0] and kept[0].latency_s > 0
-    assert [e.verdict for e in kept] == ["carried out", "carried out", "nothing left"]
-    assert {e.finish_reason for e in kept} == {"stop"} and kept[0].sampling["temperature"] == 0.0
-    assert live.dialogue.calls == 3 and live.dialogue.prompt_tokens == 0  # as the server says nothing of them
-    again = make(lift_world, spec.again())
-    assert len(server.requests) == 3  # nobody was asked
+    recorded = read_exchanges((spec.folder or tmp_path) / "lift_barrier" / "full" / "0.jsonl")
+    assert [(e.call, e.purpose, e.error) for e in recorded] == [(k, "propose", None) for k in (1, 2, 3)]
+    assert recorded[0].reply == scripted_answers(task)[0] and recorded[0].latency_s > 0
+    assert [e.verdict for e in recorded] == ["carried out", "carried out", "nothing left"]
+    assert {e.finish_reason for e in recorded} == {"stop"} and recorded[0].sampling["temperature"] == 0.0
+    assert live.dialogue.calls == 3 and live.dialogue.prompt_tokens == 0  # the server reports none
+    again = make(lift_sim, spec.again())
+    assert len(server.requests) == 3  # no further request
     assert live.episode is not None and again.episode is not None
     assert again.episode.action.tobytes() == live.episode.action.tobytes()
     assert again.episode.qpos.tobytes() == live.episode.qpos.tobytes()
@@ -79,22 +79,22 @@ def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, serv
     assert red > 240 and blue < 15 and green < 15
 
 
-def test_a_model_is_shown_what_it_said_last_and_what_was_wrong_with_it(lift_barrier, server):
+def test_a_request_contains_the_refused_answer_and_its_error(lift_barrier, server):
     first, second, _ = scripted_answers(lift_barrier)
     server.replies = [completion(text) for text in (first, second, first)]
     brain = openai_spec(server.url).make(lift_barrier, FULL, 0)
     question = Question(lift_barrier, start_scene(lift_barrier, 0), {})
     refused = replace(question, feedback=(rejection(lift_barrier, "wrong_direction"),))
-    for asked in (question, refused, question):
-        brain.answer(asked)
+    for next_question in (question, refused, question):
+        brain.answer(next_question)
     texts = [request["messages"][1]["content"] for request in server.requests]
     assert [first in text for text in texts] == [False, True, False]
-    assert second not in texts[2]  # which was carried out
+    assert second not in texts[2]  # that answer was carried out
     assert "something was wrong with it\nnone\n" in texts[0]
 
 
-def test_what_the_schema_allows_is_what_the_parser_reads(lift_barrier, server):
-    """Every kind of entry the schema knows, in an answer, becomes a proposal; fences are taken off."""
+def test_the_parser_reads_what_the_schema_allows(lift_barrier, server):
+    """An answer with every kind of entry of the schema becomes a proposal; code fences are removed."""
     entry = {"Agents": ["Agent_1", "Agent_2"], "Constraint": "Agents must avoid colliding with each other."}
     answer = {
         "Subgoals": {"Agent_1": "grasp barrier at left; lift barrier by 0.1 m", "Agent_2": ""},
@@ -106,17 +106,17 @@ def test_what_the_schema_allows_is_what_the_parser_reads(lift_barrier, server):
     assert proposal.constraints[0].agents == (1, 2)
 
 
-def test_a_model_is_held_to_what_is_legal_in_the_scene(lift_barrier, server):
+def test_enumerated_schemas_list_the_legal_answers_of_the_scene(lift_barrier, server):
     answer = {"Agent_1": ["grasp barrier at left"], "Agent_2": []}
     server.replies = [completion(json.dumps({"Subgoals": answer}))]
-    said = ask(openai_spec(server.url, enumerated=True), lift_barrier)
-    assert [each.text for each in from_json(said, lift_barrier).subgoals] == ["grasp barrier at left"]
+    text = ask(openai_spec(server.url, enumerated=True), lift_barrier)
+    assert [each.text for each in from_json(text, lift_barrier).subgoals] == ["grasp barrier at left"]
     sent = server.requests[0]["response_format"]["json_schema"]["schema"]["$defs"]["Subgoals"]["properties"]
     assert {*sent} == {"Agent_1", "Agent_2"}
     assert "grasp barrier at left" in sent["Agent_1"]["items"]["enum"]
 
 
-def test_replay_says_why_it_cannot_answer(lift_barrier, server, tmp_path):
+def test_replay_explains_missing_answers(lift_barrier, server, tmp_path):
     server.replies = [completion(GOOD)]
     spec = openai_spec(server.url, exchanges=str(tmp_path))
     ask(spec, lift_barrier)
@@ -139,14 +139,14 @@ def test_replay_repeats_errors_and_needs_no_pictures(lift_barrier, server, tmp_p
     server.replies = [failure(500, "boom"), completion(GOOD)]
     spec = openai_spec(server.url, exchanges=str(tmp_path))
     scene = start_scene(lift_barrier, 0)
-    seen = Question(lift_barrier, scene, {"global": np.zeros((24, 32, 3), np.uint8)})
+    with_picture = Question(lift_barrier, scene, {"global": np.zeros((24, 32, 3), np.uint8)})
     live = spec.make(lift_barrier, FULL, 0)
     with pytest.raises(BadAnswer) as first:
-        live.answer(seen)
-    answer = live.answer(seen)
-    kept = json.loads(((spec.folder or tmp_path) / "lift_barrier/full/0.jsonl").read_text().splitlines()[0])
-    assert len(kept["messages"][1]["pictures_sha256"]["global"]) == 64
-    blind, replayed = Question(lift_barrier, scene, {}), spec.again().make(lift_barrier, FULL, 0)
+        live.answer(with_picture)
+    answer = live.answer(with_picture)
+    call = json.loads(((spec.folder or tmp_path) / "lift_barrier/full/0.jsonl").read_text().splitlines()[0])
+    assert len(call["messages"][1]["pictures_sha256"]["global"]) == 64
+    without_picture, replayed = Question(lift_barrier, scene, {}), spec.again().make(lift_barrier, FULL, 0)
     with pytest.raises(BadAnswer, match="500") as second:
-        replayed.answer(blind)
-    assert str(first.value) == str(second.value) and replayed.answer(blind) == answer
+        replayed.answer(without_picture)
+    assert str(first.value) == str(second.value) and replayed.answer(without_picture) == answer

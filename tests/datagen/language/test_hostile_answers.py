@@ -1,4 +1,4 @@
-"""Hostile and malformed replies."""
+"""Hostile and malformed answers."""
 
 import json
 
@@ -41,7 +41,7 @@ HOSTILE = (
 
 
 def hostile_answers():
-    """Answers of the right form with one hostile string in every place there is."""
+    """Well-formed answers with one hostile string, in every possible place."""
     for text in HOSTILE:
         yield json.dumps({"Subgoals": {"Agent_1": text}})
         yield json.dumps({"Subgoals": {text: "hold"}})
@@ -59,9 +59,9 @@ def hostile_answers():
 
 @pytest.fixture(scope="module")
 def guard():
-    watching, task = Guard(), read_task("lift_barrier")
-    watching.prepare(scripted_answers(task)[0], task)
-    return watching
+    audit, task = Guard(), read_task("lift_barrier")
+    audit.prepare(scripted_answers(task)[0], task)
+    return audit
 
 
 def test_hostile_answers_are_read_and_never_executed(guard, lift_barrier):
@@ -97,21 +97,21 @@ _JSON = st.recursive(
 
 
 TASK = read_task("lift_barrier")
-SOUND = scripted_answers(TASK)[0]
+VALID = scripted_answers(TASK)[0]
 
 
 @st.composite
 def _damaged(draw):
-    """A sound answer with something done to it: cut, spliced, overwritten, or a part exchanged."""
-    at = draw(st.integers(0, len(SOUND)))
+    """A valid answer that is cut, spliced, overwritten, or has a part exchanged."""
+    at = draw(st.integers(0, len(VALID)))
     how = draw(st.sampled_from(["cut", "insert", "overwrite", "exchange"]))
     if how == "cut":
-        return SOUND[:at]
+        return VALID[:at]
     if how == "insert":
-        return SOUND[:at] + draw(st.text(max_size=20)) + SOUND[at:]
+        return VALID[:at] + draw(st.text(max_size=20)) + VALID[at:]
     if how == "overwrite":
-        return SOUND[:at] + draw(st.text(max_size=40)) + SOUND[at + draw(st.integers(0, 60)) :]
-    answer = json.loads(SOUND)
+        return VALID[:at] + draw(st.text(max_size=40)) + VALID[at + draw(st.integers(0, 60)) :]
+    answer = json.loads(VALID)
     part = draw(st.sampled_from(["Subgoals", "Constraints"]))
     key = draw(st.sampled_from(sorted(answer[part])))
     answer[part][key] = draw(_JSON)

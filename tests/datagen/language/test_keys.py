@@ -1,4 +1,4 @@
-"""Keys stay in the environment."""
+"""API keys stay in the environment: not in files, messages or requests to other servers."""
 
 import json
 import pickle
@@ -13,14 +13,14 @@ from tests.datagen.language.asking import GOOD, KEY, ask, make, openai_spec, scr
 from tests.datagen.language_server import LanguageServer, Reply, completion, failure
 
 
-def holds(folder: Path, text: str) -> list[Path]:
+def files_containing(folder: Path, text: str) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file() and text.encode() in path.read_bytes()]
 
 
 @pytest.mark.slow
-def test_the_key_is_in_no_file_and_no_reason(lift_world, server, tmp_path):
-    """Also where the server repeats it, in errors and in answers."""
-    task = lift_world.task
+def test_the_key_is_in_no_file_and_no_reason(lift_sim, server, tmp_path):
+    """Also where the server repeats the key in errors or answers."""
+    task = lift_sim.task
     server.replies = [
         failure(401, f"Incorrect API key provided: {KEY}. Header: Bearer {KEY}"),
         completion(f"The key is {KEY}."),
@@ -28,11 +28,15 @@ def test_the_key_is_in_no_file_and_no_reason(lift_world, server, tmp_path):
         *(completion(text) for text in scripted_answers(task)),
     ]
     spec = openai_spec(server.url, exchanges=str(tmp_path))
-    outcome = make(lift_world, spec)
+    outcome = make(lift_sim, spec)
     assert outcome.success and outcome.attempts == 4
     assert KEY.encode() not in pickle.dumps(spec) and KEY not in json.dumps(dict(spec.identity))
     assert outcome.episode is not None and KEY not in json.dumps(dict(outcome.episode.certificate))
-    assert holds(tmp_path, "[key]") and not holds(tmp_path, KEY) and not holds(tmp_path, KEY[3:])
+    assert (
+        files_containing(tmp_path, "[key]")
+        and not files_containing(tmp_path, KEY)
+        and not files_containing(tmp_path, KEY[3:])
+    )
 
 
 def test_a_key_is_needed_only_where_no_address_is_given(lift_barrier, monkeypatch, server):
@@ -47,7 +51,7 @@ def test_a_key_is_needed_only_where_no_address_is_given(lift_barrier, monkeypatc
 
 @pytest.mark.slow
 @pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
-def test_neither_key_nor_question_goes_where_a_redirect_points(status, lift_barrier, server):
+def test_redirects_are_not_followed(status, lift_barrier, server):
     with LanguageServer([completion(GOOD)]) as other:
         server.replies = [Reply(b"", status, {"Location": f"{other.url}/chat/completions"})]
         with pytest.raises(BadAnswer, match=f"answered {status} and sends on to '{other.url}"):

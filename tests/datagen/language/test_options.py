@@ -1,4 +1,4 @@
-"""The server's own options, and which pictures are sent: in the request, in the identity, and refused."""
+"""Options for the server and choice of pictures: in requests, in the identity, and their errors."""
 
 import base64
 
@@ -15,21 +15,21 @@ from tests.datagen.language.asking import GOOD, KEY, ask, openai_spec
 from tests.datagen.language_server import completion
 from tests.scenes import start_scene
 
-THINKS_NOT = {"chat_template_kwargs": {"enable_thinking": False}, "top_k": 20, "max_tokens": 4000}
+NO_THINKING = {"chat_template_kwargs": {"enable_thinking": False}, "top_k": 20, "max_tokens": 4000}
 MODEL, GENERATE = "brain=openai", "stages=[generate]"
 
 
 def test_the_servers_own_options_are_in_every_request_and_in_the_identity(lift_barrier, server):
     server.replies = [completion(GOOD)]
-    spec = openai_spec(server.url, extra_body=THINKS_NOT)
+    spec = openai_spec(server.url, extra_body=NO_THINKING)
     ask(spec, lift_barrier)
     (request,) = server.requests
-    assert {name: request.pop(name) for name in THINKS_NOT} == THINKS_NOT
+    assert {name: request.pop(name) for name in NO_THINKING} == NO_THINKING
     assert set(request) <= set(REQUEST_FIELDS)
-    assert spec.identity["extra_body"] == THINKS_NOT
+    assert spec.identity["extra_body"] == NO_THINKING
 
 
-def test_options_that_are_not_used_change_no_identity():
+def test_unused_options_are_not_in_the_identity():
     assert not {"extra_body", "cameras", "picture_px"} & set(openai_spec(None).identity)
     assert openai_spec(None, cameras="global", picture_px=64).identity.items() >= {
         ("cameras", "global"),
@@ -38,7 +38,7 @@ def test_options_that_are_not_used_change_no_identity():
 
 
 @pytest.mark.parametrize("name", REQUEST_FIELDS)
-def test_what_a_request_has_already_is_not_overridden(name):
+def test_fields_of_requests_cannot_be_overridden(name):
     with pytest.raises(
         ArgumentError, match=rf"extra_body holds '{name}', .* possible here .*enable_thinking"
     ):
@@ -59,7 +59,7 @@ def test_what_a_request_has_already_is_not_overridden(name):
         ({"picture_px": "big"}, "picture_px"),
     ],
 )
-def test_what_is_not_possible_is_refused_with_what_is(changes, reason):
+def test_impossible_options_are_refused_with_the_possible_ones(changes, reason):
     with pytest.raises(ArgumentError, match=reason) as refused:
         openai_spec(None, **changes)
     assert KEY not in str(refused.value)
@@ -75,14 +75,14 @@ def test_what_is_not_possible_is_refused_with_what_is(changes, reason):
         (["brain.cameras=global", "render=false"], "render=false takes no pictures; use render=true"),
     ],
 )
-def test_a_run_that_would_show_something_else_does_not_begin(overrides, reason):
+def test_a_run_without_the_requested_pictures_is_refused(overrides, reason):
     with pytest.raises(ArgumentError, match=reason):
         experiment(MODEL, *overrides)
 
 
 @pytest.mark.slow
-def test_cameras_that_are_there_will_do():
-    """The defaults, with and without pictures, and what is a part of what is taken."""
+def test_available_cameras_are_accepted():
+    """The defaults, with and without pictures, and cameras that are a subset of the rendered ones."""
     experiment(MODEL, GENERATE, "render=false")
     experiment(MODEL, "cameras=local")
     experiment(MODEL, "brain.cameras=local", "cameras=local")
@@ -99,12 +99,10 @@ def test_cameras_that_are_there_will_do():
         ({"pictures": False}, [], None),
     ],
 )
-def test_the_cameras_that_were_chosen_are_sent_at_the_size_that_was_chosen(
-    changes, cameras, size, lift_barrier, server
-):
+def test_the_chosen_cameras_are_sent_at_the_chosen_size(changes, cameras, size, lift_barrier, server):
     server.replies = [completion(GOOD)]
-    taken = {name: np.zeros((24, 32, 3), np.uint8) for name in lift_barrier.cameras}
-    question = Question(lift_barrier, start_scene(lift_barrier, 0), taken)
+    pictures = {name: np.zeros((24, 32, 3), np.uint8) for name in lift_barrier.cameras}
+    question = Question(lift_barrier, start_scene(lift_barrier, 0), pictures)
     openai_spec(server.url, **changes).make(lift_barrier, FULL, 0).answer(question)
     content = server.requests[0]["messages"][1]["content"]
     parts = [] if isinstance(content, str) else content[1:]

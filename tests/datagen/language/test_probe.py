@@ -1,4 +1,4 @@
-"""Whether a server holds models to the schema: told in one line, after one request."""
+"""Probe of a server: whether it enforces the JSON schema, reported in one line after one request."""
 
 import json
 import socket
@@ -16,8 +16,8 @@ NOTHING = json.dumps(
         "Constraints": {"Logical": [], "Temporal": [], "Spatial": []},
     }
 )
-ANOTHER = json.dumps({"Subgoals": {"Agent_1": ""}})  # JSON, but not held to the schema
-SAID = {
+ANOTHER = json.dumps({"Subgoals": {"Agent_1": ""}})  # JSON, but not of the schema
+REPLIES = {
     "honoured": (completion(NOTHING), "ok", "honours the JSON schema"),
     "honoured after thinking": (completion(f"<think>Hm.</think>{NOTHING}"), "ok", "honours the JSON schema"),
     "ignored": (
@@ -42,17 +42,17 @@ SAID = {
 }
 
 
-def patience_s(kind: str) -> float:
-    """A busy machine answers late, too."""
+def request_timeout_s(kind: str) -> float:
+    """Timeout in seconds; long for all other kinds, as a busy machine also answers late."""
     return 0.3 if kind == "unreachable, slow" else 30.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", SAID)
-def test_one_request_tells_what_becomes_of_the_schema(kind, lift_barrier, server):
-    reply, _, words = SAID[kind]
+@pytest.mark.parametrize("kind", REPLIES)
+def test_one_request_determines_the_handling_of_the_schema(kind, lift_barrier, server):
+    reply, _, words = REPLIES[kind]
     server.replies = [reply]
-    spec = openai_spec(server.url, timeout_s=patience_s(kind), retries=3, structured=False)
+    spec = openai_spec(server.url, timeout_s=request_timeout_s(kind), retries=3, structured=False)
     probed = probe(spec, lift_barrier)
     assert probed.verdict == kind.partition(",")[0].split()[0]
     assert words in probed.message and KEY[:8] not in probed.message and "\n" not in probed.message
@@ -60,35 +60,35 @@ def test_one_request_tells_what_becomes_of_the_schema(kind, lift_barrier, server
     assert request["response_format"]["json_schema"]["strict"] is True
 
 
-def test_nobody_is_at_the_address(lift_barrier, monkeypatch):
+def test_no_server_at_the_address(lift_barrier, monkeypatch):
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    with socket.socket() as taken:  # bound, but nobody listens
-        taken.bind(("127.0.0.1", 0))
-        probed = probe(openai_spec(f"http://127.0.0.1:{taken.getsockname()[1]}/v1"), lift_barrier)
+    with socket.socket() as bound:  # bound but not listening
+        bound.bind(("127.0.0.1", 0))
+        probed = probe(openai_spec(f"http://127.0.0.1:{bound.getsockname()[1]}/v1"), lift_barrier)
     assert probed.verdict == "unreachable" and "ConnectError" in probed.message
 
 
-def test_what_shows_that_the_schema_was_honoured_is_an_answer(lift_barrier):
+def test_the_answer_of_the_probe_is_a_valid_answer(lift_barrier):
     assert from_json(NOTHING, lift_barrier).subgoals == ()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", SAID)
-def test_the_doctor_says_it_in_a_line(kind, server, monkeypatch):
-    reply, state, words = SAID[kind]
+@pytest.mark.parametrize("kind", REPLIES)
+def test_the_doctor_reports_it_in_one_line(kind, server, monkeypatch):
+    reply, state, words = REPLIES[kind]
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     server.replies = [reply]
-    timeout_s = f"brain.timeout_s={patience_s(kind)}"
+    timeout_s = f"brain.timeout_s={request_timeout_s(kind)}"
     check = doctor.brain(["brain=openai", f"brain.base_url={server.url}", timeout_s])
     assert (check.name, check.state) == ("brain", state) and words in check.detail
     assert bool(check.remedy) == (state != "ok") and KEY not in str(check)
     assert len(server.requests) == 1
 
 
-def test_a_server_that_refuses_the_schema_is_no_obstacle_where_none_is_sent(server):
+def test_a_server_that_refuses_the_schema_is_accepted_if_none_is_sent(server):
     server.replies = [failure(400, "no")]
-    asked = ["brain=openai", f"brain.base_url={server.url}", "brain.structured=false"]
-    assert doctor.brain(asked).state == "note"
+    overrides = ["brain=openai", f"brain.base_url={server.url}", "brain.structured=false"]
+    assert doctor.brain(overrides).state == "note"
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_a_server_that_refuses_the_schema_is_no_obstacle_where_none_is_sent(serv
         (["brain.extra_body={api_key: " + KEY + "}"], "missing", "environment variable"),
     ],
 )
-def test_a_brain_that_cannot_be_is_told_without_asking_anybody(overrides, state, words):
+def test_an_impossible_brain_is_reported_without_a_request(overrides, state, words):
     check = doctor.brain(overrides)
     assert check.state == state and words in check.detail
     assert KEY not in str(check) and "\n" not in str(check)
