@@ -19,19 +19,21 @@ renders these pictures, a sheet with all views, and a film of each task.
 
 ![Every task in the middle of an expert episode](images/gallery.jpg)
 
-Each seed determines the initial scene: object positions and orientations, a small deviation of each arm from its rest
-posture, the brightness of the light and of each colour channel. Each arm is a Franka Panda with its own camera; the
-global camera covers the whole scene.
+Each seed determines the initial scene: object positions and orientations, a small deviation of each arm
+from its rest posture, the brightness of the light and of each colour channel. Each arm is a Franka Panda
+with its own camera; the global camera covers the whole scene.
 
-Each attempt is judged by two criteria. **Strict**: all listed conditions hold at the same time for several control
-steps and, for policies, no two arms have touched before. **The paper's**: the target condition as tested by the
-authors' release, which is looser. Rates in the tables are strict, next to the paper's criterion. Violations are also
-reported: for policies the share of rollouts in which arms touched and the mean number of control steps with contact;
-for generation the share of seeds with a proposal that ended in a violation and the mean number of such proposals. The
-strict rate without any violation is added if it differs.
+Each attempt is judged by two criteria. **Strict**: all listed conditions hold at the same time for several
+control steps and, for policies, no two arms have touched before. **The paper's**: the target condition as
+tested by the authors' release, which is looser. Rates in the tables are strict, next to the paper's
+criterion. Violations are also reported: for policies the share of rollouts in which arms touched and the
+mean number of control steps with contact; for generation the share of seeds with a proposal that ended in a
+violation and the mean number of such proposals. The strict rate without any violation is added if it
+differs.
 
-The four tasks after the paper's are official tasks of the MARS challenge (NeurIPS 2025), with their scenes. For them
-"the paper's criterion" is that of the challenge's release; tables of the paper omit them or list them last.
+The four tasks after the paper's are official tasks of the MARS challenge (NeurIPS 2025), with their scenes.
+For them "the paper's criterion" is that of the challenge's release; tables of the paper omit them or list
+them last.
 """
 
 
