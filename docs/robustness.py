@@ -21,6 +21,7 @@ from rf_exp.artifacts import render_template
 from rf_exp.command import CONF
 from rf_exp.tasks import FACTORS, read_variation
 from rf_exp.texts.markdown import table
+from rf_exp.types import UNVARIED
 
 ROOT = Path(__file__).parents[1]
 HERE = Path(__file__).parent
@@ -120,12 +121,12 @@ def _suite(results: Results) -> list[EvaluationRow]:
 
 
 def _rates(results: Results) -> dict[Policy, dict[str, list[bool]]]:
-    """Policy -> variation -> successes, for tasks that are measured in more than one variation."""
+    """Policy -> variation -> successes, for tasks that are measured in scenes that vary."""
     by_policy: dict[Policy, dict[str, list[bool]]] = {}
     for row in _suite(results):
         by_variation = by_policy.setdefault((row.task, row.recipe, row.demos), {})
         by_variation.setdefault(row.variation, []).append(row.success)
-    varied = {task for (task, *_), by_variation in by_policy.items() if len(by_variation) > 1}
+    varied = {task for (task, *_), by_variation in by_policy.items() if by_variation.keys() - {UNVARIED}}
     order = list(configured())
     policies = sorted(
         by_policy, key=lambda policy: (order.index(policy[0]), RECIPES.index(policy[1]), policy[2])
