@@ -146,9 +146,11 @@ def _within_limits(
     low, high = limits_rad
     margins = np.maximum(np.minimum(qpos[moved] - low, high - qpos[moved]), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        bounds = PERTURBATION_LIMITS
-        scales = [bounds.velocity_rad_s / peak_velocity, bounds.acceleration_rad_s2 / peak_acceleration]
-        scales += [np.nanmin(margins / np.abs(offsets_rad), axis=0)]
+        scales = [
+            PERTURBATION_LIMITS.velocity_rad_s / peak_velocity,
+            PERTURBATION_LIMITS.acceleration_rad_s2 / peak_acceleration,
+            np.nanmin(margins / np.abs(offsets_rad), axis=0),
+        ]
     return offsets_rad * np.minimum(np.nanmin(scales, axis=0), 1.0)
 
 
@@ -245,10 +247,15 @@ class ObjectMotionWatch:
             elif (moved_m := float(np.linalg.norm(position_m - self._rest_m[name]))) > MOTION_TOLERANCE_M:
                 finding = Finding.CLUTTER_MOVED if name in scene.clutter else Finding.OBJECT_MOVED
                 facts: FactArguments = {"measured": True, "object": name}
-                check, cause, time_s = CheckName.OBJECT_MOTION, Cause.CONTACT, scene.time_s
-                bound_m = MOTION_TOLERANCE_M
                 return Violation(
-                    finding, moved_m, bound_m, "m", check=check, cause=cause, time_s=time_s, **facts
+                    finding,
+                    moved_m,
+                    MOTION_TOLERANCE_M,
+                    "m",
+                    check=CheckName.OBJECT_MOTION,
+                    cause=Cause.CONTACT,
+                    time_s=scene.time_s,
+                    **facts,
                 )
         return None
 

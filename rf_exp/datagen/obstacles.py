@@ -65,11 +65,13 @@ class Obstacles:
                 return "the arm itself"
             for obstacles, other, margin_m in groups:
                 if closer_than(body, other, margin_m, between=between).any():
-                    for obstacle in obstacles[:-1]:
-                        part = _part_of(planning_scene, other, obstacle)
-                        if closer_than(body, part, margin_m, between=between).any():
-                            return obstacle
-                    return obstacles[-1]
+                    parts = ((each, _part_of(planning_scene, other, each)) for each in obstacles[:-1])
+                    near = (
+                        each
+                        for each, part in parts
+                        if closer_than(body, part, margin_m, between=between).any()
+                    )
+                    return next(near, obstacles[-1])
             return "the table" if not gripper_only and planning_scene.below_table(body).any() else None
 
         return test

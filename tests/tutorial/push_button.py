@@ -30,7 +30,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The paper does not know this task; its criterion is ours, without the steps it must hold."""
+    """The task is not in the paper: our criterion, without the steps for which it must hold."""
     return _pushed(scene, task)
 
 

@@ -51,11 +51,12 @@ class Approaches:
     def estimated(self, rest: Points | None = None) -> Iterator[Approach]:
         """The fastest few for each goal. With `rest` (dof,) rad, going back and on to there counts too."""
         # Postures are (G, R, branches, dof).
-        arm, steps = self.arm, APPROACH_TURN_STEPS
-        both = self.pregrasps, self.goals
+        arm, both = self.arm, (self.pregrasps, self.goals)
         starts, ends = (arm.postures(poses[:, None], _last_joint_angles(arm, poses)) for poses in both)
         opposite = arm.permuted_to_opposite(ends)
-        ends_by_turn = np.stack([np.roll(each, k, axis=1) for each in (ends, opposite) for k in steps])
+        ends_by_turn = np.stack(
+            [np.roll(each, k, axis=1) for each in (ends, opposite) for k in APPROACH_TURN_STEPS]
+        )
         choice = _effort(arm, starts, ends_by_turn).argmin(axis=0)
         nearest = np.take_along_axis(ends_by_turn, choice[None, ..., None], axis=0)[0]
         durations_s = self._durations_s(starts, nearest)

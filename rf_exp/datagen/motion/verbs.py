@@ -100,8 +100,9 @@ def strike(request: Request, state: State) -> Motion:
     agent, subgoal, (name, tcp_from_object) = request.agent, request.subgoal, _held_object(request, state)
     goals = end_poses(request.task, subgoal, state, tcp_from_object)
     touches = frozenset({name, _required(subgoal.target)})
-    text = subgoal.text
-    points = request.reach.timed(agent, goals, PREPLACE_HEIGHT_M, state, touches, text, from_above=True)
+    points = request.reach.timed(
+        agent, goals, PREPLACE_HEIGHT_M, state, touches, subgoal.text, from_above=True
+    )
     striking, state = request.segment("strike", points, state, touches)
     return (striking,), state
 
@@ -232,8 +233,8 @@ def _is_pressing(tcp: Matrix, tiers: Tiers) -> bool:
         tcp_from_goal = inverse(goal) @ tcp
         lateral_m, depth_m = np.linalg.norm(tcp_from_goal[:2, 3]), tcp_from_goal[2, 3]
         rotation_error = np.abs(tcp_from_goal[:3, :3] - np.eye(3)).max()
-        bound_m = POSE_TOLERANCE_M
-        if lateral_m < bound_m and depth_m > -bound_m and rotation_error < bound_m / ROTATION_LEVER_M:
+        close = lateral_m < POSE_TOLERANCE_M and depth_m > -POSE_TOLERANCE_M
+        if close and rotation_error < POSE_TOLERANCE_M / ROTATION_LEVER_M:
             return True
     return False
 

@@ -268,7 +268,7 @@ def _draw_appearance(task: "Task", rng: np.random.Generator) -> tuple[Mapping[st
 
 
 def _draw_finish(texture_set: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
-    """A texture with probability TEXTURED, else a plain colour."""
+    """A texture with probability TEXTURE_PROBABILITY, else a plain colour."""
     kind: TextureKind = rng.choice(get_args(TextureKind)).item()
     texture = Texture(kind, texture_set, int(rng.integers(2**31)), tile_m * float(rng.uniform(0.7, 1.4)))
     red, green, blue = rng.uniform(0.05, 0.8, 3).tolist()
