@@ -10,7 +10,7 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import DiffusionRunner, Policy, PolicyConfig, rollout, views
-from rf_exp.policy.acting.diffusion_runner import SEARCH_STEPS, SETTLE_STEPS
+from rf_exp.policy.acting.diffusion_runner import SETTLE_STEPS
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of
 from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.robots import DEFAULT, add_robot, registry
@@ -163,41 +163,12 @@ def test_fingers_that_are_meant_to_close_fully_are_no_failed_grasp(make, spec: O
     assert gripped(runner, 0.001) != {}
 
 
-def test_after_a_failed_grasp_the_goal_is_shifted_along_the_ray(policy_config: PolicyConfig) -> None:
-    """By SEARCH_STEPS; for another change of its gripper, or another agent, from the beginning."""
-    config = varied(policy_config, CHANGES | GATED | {"acting.regrasp_step_m": 0.01})
-    view = views(ARCHS[3], 2)[0]
-    spec = ObservationSpec(bases=((0.0, -0.5, 0.0), (0.0, 0.5, 0.0)), rests=(tuple(REST),) * 2, keyframes=2)
-    runner = DiffusionRunner(Policy(config, view, spec), view, spec)
-    context = torch.zeros(1, 1, spec.size(view))
-    context[..., :3] = torch.tensor([0.4, 0.1, 0.05])  # the TCP
-    world = Elsewhere(2)
-    observation = shown(runner, world.reset(0), world.images())
-    rays = runner._rays(observation)
-    assert rays is not None
-    ray = context[0, 0, :3] - rays[0, 0, :, 3]
-    for misses in range(2 * len(SEARCH_STEPS)):
-        found = runner._goal_shift(observation, context)
-        expected = 0.01 * SEARCH_STEPS[misses % len(SEARCH_STEPS)] * ray / ray.norm()
-        torch.testing.assert_close(torch.as_tensor(found).expand(1, 1, 3)[0, 0], expected)
-        runner._episode.failed_grasps[1, 0] += 1
-    runner._episode.failed_grasps[2, 0] += 1
-    runner._episode.grippers.changes[0] = 2
-    assert torch.as_tensor(runner._goal_shift(observation, context)).abs().max() == 0
-
-
 def test_a_failed_grasp_counts_for_its_gripper_change(make) -> None:
     (runner,) = (each for each in make(ARCHS[3]) if each.view.agents == (1,))
     gripped(runner, 0.02)
-    assert not runner._episode.failed_grasps
+    assert not runner._episode.search.failed_grasps
     gripped(runner, 0.001)
-    assert runner._episode.failed_grasps == {(1, 0): 1}
-
-
-def test_searching_needs_homing_and_a_goal_gate(policy_config: PolicyConfig) -> None:
-    for changes in (CHANGES, GATED | {"context": True}):
-        with pytest.raises(ArgumentError, match=r"is 0\.01; expected 0 without acting\.homing and goal_gate"):
-            varied(policy_config, changes | {"acting.regrasp_step_m": 0.01})
+    assert runner._episode.search.failed_grasps == {(1, 0): 1}
 
 
 @pytest.mark.parametrize(("width_m", "expected"), [(0.001, ((1,), ())), (0.02, ())])

@@ -1,6 +1,6 @@
 """Diffusion runner: a trained policy of this suite that acts through the streams of its view."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +13,7 @@ from torch import Tensor
 from rf_exp.errors import StageError
 from rf_exp.observations import Coordination, Declaration, Observation
 from rf_exp.policy.acting.rollouts import PolicyRunner
+from rf_exp.policy.acting.search import Search
 from rf_exp.policy.acting.self_calibration import CameraEstimate, camera_estimates
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
@@ -25,22 +26,27 @@ from rf_exp.policy.inputs.observation_spec import (
     ObservationSpec,
     context,
     finger_openings,
+    footprint,
     footprint_from_tcps,
     other_agents,
     own_tcp_and_changes,
     proprioception,
 )
 from rf_exp.policy.inputs.pictures import rays_of, side_by_side
-from rf_exp.policy.inputs.task_space import joint_actions
+from rf_exp.policy.inputs.task_space import joint_actions, nearest_postures
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.policy import Policy
+from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, transform_by_poses
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 SETTLE_STEPS = 2  # steps until an arm has settled at its target
 WAIT_STEPS = 4  # executed steps of a chunk in which every agent waits; then the policy predicts again
-SEARCH_STEPS = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, after a first failed grasp, ...
+# A press has failed if the TCP has moved by less than STILL_M since the last prediction, near the goal; it is
+# blocked if it is short of its command by BLOCKED_M. Then the fingers are lifted by LIFT_M and moved above
+# the next goal, LIFT_STEPS each.
+STILL_M, NEAR_GOAL_M, BLOCKED_M, LIFT_M, LIFT_STEPS = 0.006, 0.08, 0.002, 0.03, (4, 6)
 UNCHANGED_SCENE = 0.03  # predicted probabilities that differ by less are of an unchanged scene
 
 
@@ -90,8 +96,9 @@ class _Episode:
     openings: NDArray[np.floating]  # (N,) m, last measured finger openings; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # per stream; only for uncalibrated cameras
     homing: NDArray[np.bool_]  # (agents of the view,) whether to move to rest before the next observation
-    failed_grasps: Counter[tuple[int, int]] = field(default_factory=Counter)
-    # (agent, number of the gripper change) -> number of failed grasps (fingers closed on nothing)
+    search: Search
+    pressing_m: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    # agent -> its TCP (3,) at the last prediction, while its closed fingers press
 
 
 class DiffusionRunner(PolicyRunner):
@@ -141,7 +148,8 @@ class DiffusionRunner(PolicyRunner):
             else [camera_estimates(rays, size_px) for rays in usual_rays.cpu().double().numpy()]
         )
         homing = np.full(len(self.view.agents), self._config.acting.homing)
-        return _Episode(frames, transitions, generators, grippers, openings, cameras, homing)
+        search = Search(self._config.acting.regrasp_step_m)
+        return _Episode(frames, transitions, generators, grippers, openings, cameras, homing, search)
 
     # observation
 
@@ -169,7 +177,7 @@ class DiffusionRunner(PolicyRunner):
                 self.state.targets.clear(row)
             # Keyed by the change that closed the fingers, which is counted until they open.
             for row in self._rows[failed].tolist():
-                episode.failed_grasps[row + 1, int(episode.grippers.changes[row]) - 1] += 1
+                episode.search.failed_grasps[row + 1, int(episode.grippers.changes[row]) - 1] += 1
         if not self._observation_due:
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
@@ -279,7 +287,13 @@ class DiffusionRunner(PolicyRunner):
         if waiting.all():
             stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        goal_shift = self._goal_shift(observation, contexts)
+        directions = self._directions(observation, contexts) if self._config.acting.regrasp_step_m else None
+        if directions is not None:
+            goals = self._policy.encoder.offsets(features, contexts)[:, -1]
+            presses = self._next_presses(observation, waiting, goals.flatten(0, 1), directions.flatten(0, 1))
+            if presses is not None:
+                return presses
+        goal_shift = 0.0 if directions is None else self._shifts_m()[..., None] * directions
         sampled = self._policy.act(features, proprio, contexts, self._episode.generators, goal_shift)
         actions = sampled.cpu().double().numpy()
         if not np.isfinite(actions).all():
@@ -302,37 +316,81 @@ class DiffusionRunner(PolicyRunner):
         # never open a gripper: pictures alone do not tell how long it has been where it opens.
         return chunk[:WAIT_STEPS] if waiting.any() and stationary.all() else chunk
 
-    def _goal_shift(self, observation: Observation, contexts: Tensor) -> Tensor | float:
-        """Displacement (S, n, 3) of the own goals along camera rays after failed grasps, in m."""
-        step_m, episode = self._config.acting.regrasp_step_m, self._episode
-        if not step_m or not episode.failed_grasps or (rays := self._rays(observation)) is None:
-            return 0.0
+    def _shifts_m(self) -> Tensor:
+        """Displacements (S, n) of the own goals along camera rays."""
+        changes, search = self._episode.grippers.changes, self._episode.search
+        shifts = [
+            [search.shift_m(agent, int(changes[agent - 1])) for agent in stream.agents]
+            for stream in self.view.streams
+        ]
+        return torch.tensor(shifts, device=self._device)
 
-        def step(agent: int) -> int:
-            failures = episode.failed_grasps[agent, int(episode.grippers.changes[agent - 1])]
-            return SEARCH_STEPS[failures % len(SEARCH_STEPS)]
-
-        steps = [[step_m * step(agent) for agent in stream.agents] for stream in self.view.streams]
-        own = range(len(steps[0]))
+    def _directions(self, observation: Observation, contexts: Tensor) -> Tensor | None:
+        """Directions (S, n, 3) from the cameras to own TCPs, and so to their goals once they are there."""
+        if (rays := self._rays(observation)) is None:
+            return None
+        own = range(len(self.view.streams[0].agents))
         tcps = torch.stack([own_tcp_and_changes(contexts[:, -1], agent)[0][..., :3] for agent in own], dim=1)
-        # Directions (S, K, n, 3) from the K cameras to a TCP, and so to its goal once it is there.
-        directions = tcps[:, None] - rays[..., 3][:, :, None]
-        directions = (directions / directions.norm(dim=3, keepdim=True)).mean(dim=1)
-        return torch.tensor(steps, device=rays.device)[..., None] * directions
+        directions = tcps[:, None] - rays[..., 3][:, :, None]  # (S, K, n, 3) from each of K cameras
+        return (directions / directions.norm(dim=3, keepdim=True)).mean(dim=1)
+
+    def _next_presses(
+        self, observation: Observation, waiting: NDArray[np.bool_], offsets: Tensor, directions: Tensor
+    ) -> NDArray[np.float64] | None:
+        """Targets (T, agents of the view, 8) from failed presses to above the next ones; None without any.
+
+        Offsets (agents of the view, 3) from TCPs to detected goals, and directions (agents of the view, 3) of
+        rays, are in the footprint of the first arm of each stream.
+        """
+        episode, last, bases = self._episode, self.state.targets.last, self._bases(observation)
+        pressing, again = self._closed_on_nothing(meant=True) & ~waiting, False
+        first_agents = [stream.agents[0] for stream in self.view.streams for _ in stream.agents]
+        targets = np.tile(last, (2, 1, 1))
+        before_m, episode.pressing_m = episode.pressing_m, {}
+        for row in np.flatnonzero(pressing).tolist():
+            agent, search = self.view.agents[row], episode.search
+            arm, joints = Arm(self.spec.robot(agent), bases[agent - 1]), observation.qpos[agent]
+            pose, commanded = arm.tcp(joints), arm.tcp(last[row])
+            place_m = episode.pressing_m[agent] = pose[:3, 3]
+            offset, direction = (each[row].cpu().double().numpy() for each in (offsets, directions))
+            still = agent in before_m and np.linalg.norm(place_m - before_m[agent]) < STILL_M
+            if not still or np.linalg.norm(offset) > NEAR_GOAL_M:
+                continue
+            approach, change = pose[:3, 2], int(episode.grippers.changes[agent - 1])
+            blocked = bool(approach @ (commanded[:3, 3] - place_m) > BLOCKED_M)
+            if not search.press_failed(agent, change, offset[2], -direction[2], blocked=blocked):
+                continue
+            to_goal = offset + search.shift_m(agent, change) * direction
+            world_from_footprint = footprint(bases[first_agents[row] - 1])
+            lifted, above = pose.copy(), pose.copy()
+            lifted[:3, 3] -= LIFT_M * approach
+            above[:3, 3] += world_from_footprint[:3, :3] @ to_goal - LIFT_M * approach
+            near = np.tile(joints[: arm.robot.dof], (2, 1))
+            targets[:, row, : arm.robot.dof] = nearest_postures(arm, np.stack([lifted, above]), near)
+            del episode.pressing_m[agent]
+            again = True
+        if not again:
+            return None
+        grippers = np.where(episode.grippers.opened[self._rows], 1.0, -1.0)
+        targets = np.concatenate([targets, np.tile(grippers[:, None], (2, 1, 1))], axis=2)
+        return np.repeat(targets, LIFT_STEPS, axis=0)
 
     def _failed_grasps(self) -> NDArray[np.bool_]:
         """(agents of the view,) whether fingers have closed on nothing, unlike in the demonstrations.
 
         Seen from there, the gripper hides the missed object, and a wrong detection would repeat.
         """
+        return self._closed_on_nothing(meant=False)
+
+    def _closed_on_nothing(self, *, meant: bool) -> NDArray[np.bool_]:
+        """(agents of the view,) whether fingers have closed on nothing, like demonstrations or not."""
         grippers, empty_closings = self._episode.grippers, self.spec.shuts
-        intended = [
+        demonstrated = [
             bool(empty_closings) and min(grippers.changes[row], MOST_CHANGES) in empty_closings[row]
             for row in self._rows
         ]
-        return (~grippers.opened & (self._episode.openings < EMPTY_OPENING_M))[self._rows] & ~np.array(
-            intended
-        )
+        closed = (~grippers.opened & (self._episode.openings < EMPTY_OPENING_M))[self._rows]
+        return closed & (np.array(demonstrated) == meant)
 
     def _home(self) -> NDArray[np.float64]:
         """Targets (T, agents of the view, 8) at rest with open grippers, for as long as the motion takes.

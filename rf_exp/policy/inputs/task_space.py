@@ -51,13 +51,13 @@ def joint_actions(
         footprint_from_tcp = np.stack(
             [from_axes(position, z=z_axis, y=y_axis) for position, z_axis, y_axis in axes]
         )
-        actions[:, row, : arm.robot.dof] = _nearest_postures(
+        actions[:, row, : arm.robot.dof] = nearest_postures(
             arm, world_from_footprint @ footprint_from_tcp, joints
         )
     return actions
 
 
-def _nearest_postures(
+def nearest_postures(
     arm: Arm, poses: NDArray[np.float64], joints: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Postures at TCP poses (T, 4, 4) nearest to joints (T, dof); the latter where none is close enough."""
