@@ -18,7 +18,6 @@ from .config import add_head as add_head
 from .config import import_code as import_code
 from .config import policy_keys as policy_keys
 from .config import read_recipe as read_recipe
-from .examples.keypoints import displaced_steps as displaced_steps
 from .examples.windows import Batch as Batch
 from .examples.windows import Windows as Windows
 from .foreign.factory import make_policy as make_policy
@@ -26,7 +25,6 @@ from .foreign.runner import foreign_runners as foreign_runners
 from .foreign.spec import Foreign as Foreign
 from .foreign.spec import foreign_policy as foreign_policy
 from .inputs.coordination import moving_target_mask as moving_target_mask
-from .inputs.observation_spec import EMPTY_OPENING_M as EMPTY_OPENING_M
 from .inputs.view import Stream as Stream
 from .inputs.view import View as View
 from .inputs.view import views as views

@@ -28,7 +28,7 @@ LATER_DEFAULTS: Mapping[str, Any] = {
     "start_offset_rad": 0.0,
     "goal_gate": False,
     "acting": {"homing": False, "regrasp_step_m": 0.0},
-    "encoder": {"keypoints": {"dilations": (1, 2, 4), "displaced_rad": 0.0}},
+    "encoder": {"keypoints": {"dilations": (1, 2, 4)}},
 }
 CODE_KEY = "code"  # key of `policy`: a module that registers encoders or heads; not stored with a policy
 NON_IDENTITY_KEYS = ("device", "log_every", "checkpoint_every")  # training keys that do not affect the result
@@ -88,13 +88,8 @@ class KeypointsConfig(EncoderConfig):
     photometric: float = bounded(2, least=0)  # strength of photometric augmentation in that fit; 0: none
     dilations: tuple[int, ...] = bounded(64, least=1, expected="whole numbers from 1 to 64")
     # Dilation of each 3x3 convolution, cells; their sum is the reach of the receptive field to each side.
-    displaced_rad: float = bounded(1.0, least=0)
-    # Standard deviation of the joints in additional pictures for that fit; 0: no such pictures. In
-    # demonstrations a gripper that has arrived is at its goal, and would be detected in place of it.
 
     def check_in(self, policy: "PolicyConfig") -> None:
-        possible = self.steps > 0 or not self.displaced_rad
-        require(possible, "displaced_rad", self.displaced_rad, "0 without a fit of the encoder (steps)")
         possible = policy.context and policy.crop == 1.0
         require(possible, "encoder", "keypoints", "context=true and crop=1 with keypoints")
         cell = CELL_PX * self.downsample
@@ -312,11 +307,6 @@ class PolicyConfig(Checked):
     def complete(self) -> dict[str, Any]:
         """All values, those of `LATER_DEFAULTS` included, for comparison with other recipes."""
         return self._values(None, {})
-
-    @property
-    def displaced_rad(self) -> float:
-        """Standard deviation of the joints in additional pictures with displaced arms; 0: none."""
-        return self.encoder.displaced_rad if isinstance(self.encoder, KeypointsConfig) else 0.0
 
     @property
     def training_values(self) -> dict[str, Any]:

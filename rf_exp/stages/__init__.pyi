@@ -7,7 +7,6 @@ from .generation import why_seeds_failed as why_seeds_failed
 from .preflight import check_cameras as check_cameras
 from .preflight import check_folders as check_folders
 from .preflight import print_estimate as print_estimate
-from .redrawing import displace as displace
 from .redrawing import redraw as redraw
 from .reporting import write_tables as write_tables
 from .training import train_policies as train_policies

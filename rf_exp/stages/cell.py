@@ -104,12 +104,6 @@ class Cell:
         return source.with_stem(f"{source.stem}-{self.experiment.demos}x{self.experiment.appearances}")
 
     @property
-    def displaced_path(self) -> Path:
-        """The store of steps of the demonstrations with displaced arms."""
-        source = self.corrected_path if self.experiment.dagger.rounds else self.data_path
-        return source.with_stem(f"{source.stem}-displaced")
-
-    @property
     def corrected_path(self) -> Path:
         """The store of demonstrations, with corrections of the policies of the round before."""
         return self.data_path.with_name(f"corrected-{self.arch.name}-{self.experiment.policies}.zarr")

@@ -29,7 +29,7 @@ from rf_exp.stages.cell import Cell, artifact_lock, open_or_create
 from rf_exp.stages.evaluation import policies_of, scene_evaluator, training_record
 from rf_exp.stages.generation import attempts, collect
 from rf_exp.stages.logs import Follower, run_log
-from rf_exp.stages.redrawing import displace, redraw
+from rf_exp.stages.redrawing import redraw
 from rf_exp.store import Store, card
 from rf_exp.types import CORRECTION, Rollout, RolloutStep
 
@@ -56,17 +56,16 @@ def train_policies(cell: Cell) -> None:
         config = replace(experiment.training, seed=experiment.train_seed)
         with artifact_lock(folder), ExitStack() as stack:
             data, demos = training_data(current)
-            source, displaced = Store.open(data).first(demos), None
-            if std_rad := experiment.policy.displaced_rad:
-                displaced = displace(source, current.displaced_path, current.task, std_rad)
             if (copies := experiment.appearances) > 1:
-                data = redraw(source, current.redrawn_path, current.task, current.task.variation, copies)
+                path, source = current.redrawn_path, Store.open(data).first(demos)
+                data = redraw(source, path, current.task, current.task.variation, copies)
+                demos *= copies
             complete = all((folder / view.name / MODEL).exists() for view in views)
             processes = min(len(views), experiment.workers)
             # Threads of a small network would spend their time waiting for each other.
             large = experiment.policy.encoder.large
             threads = max(1, (os.cpu_count() or 1) // processes) if large else 1
-            arguments = demos, copies, displaced, experiment.policy, config, threads
+            arguments = demos, experiment.policy, config, threads
             logs = [stack.enter_context(run_log(current, "train", view.name)) for view in views]
             curves = [folder / view.name / CURVES for view in views]
             followers = list(map(Follower, curves, logs))
@@ -87,21 +86,12 @@ def _follow(followers: Sequence[Follower], progress: Progress) -> None:
 
 
 def _train(
-    data: Path,
-    view: View,
-    folder: Path,
-    demos: int,
-    copies: int,
-    displaced: Path | None,
-    policy: PolicyConfig,
-    config: TrainConfig,
-    threads: int,
+    data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
 ) -> None:
     torch.set_num_threads(threads)
     with artifact_lock(folder):
-        store, encoders = Store.open(data).first(demos * copies), folder.parents[1] / "encoders"
-        displaced_store = displaced and Store.open(displaced).first(demos)
-        train(store, view, policy, config, folder, fit_cache=encoders, displaced=displaced_store)
+        store, encoders = Store.open(data).first(demos), folder.parents[1] / "encoders"
+        train(store, view, policy, config, folder, fit_cache=encoders)
 
 
 def training_data(cell: Cell) -> tuple[Path, int]:

@@ -7,7 +7,6 @@ from .integrity import Damage as Damage
 from .integrity import other_kind as other_kind
 from .integrity import refuse_other_kinds as refuse_other_kinds
 from .integrity import translate_decoder_errors as translate_decoder_errors
-from .layout import JUDGED as JUDGED
 from .layout import POSE as POSE
 from .layout import Description as Description
 from .layout import Model as Model

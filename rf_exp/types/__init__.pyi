@@ -36,7 +36,6 @@ from .scene import ARM_JOINTS as ARM_JOINTS
 from .scene import CONTROL_DT_S as CONTROL_DT_S
 from .scene import CONTROL_HZ as CONTROL_HZ
 from .scene import CORRECTION as CORRECTION
-from .scene import DISPLACEMENT as DISPLACEMENT
 from .scene import DISTURBANCES as DISTURBANCES
 from .scene import FINGERS as FINGERS
 from .scene import FLICKER as FLICKER

@@ -19,7 +19,7 @@ GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normali
 # Random streams of an episode: `default_rng([seed, STREAM, ...])`, one for each purpose; faults of a brain
 # share the stream of disturbances. NumPy pads a seed with zeros, so `[seed, STREAM]` and `[seed, STREAM, 0]`
 # are the same stream: where the former is in use, further numbers begin at 1.
-SCENE, PLANNING, DISTURBANCES, CORRECTION, PIXELS, FLICKER, VARIATION, PROPOSALS, DISPLACEMENT = range(9)
+SCENE, PLANNING, DISTURBANCES, CORRECTION, PIXELS, FLICKER, VARIATION, PROPOSALS = range(8)
 
 
 @dataclass(frozen=True)

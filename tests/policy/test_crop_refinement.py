@@ -21,7 +21,7 @@ LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SIDE = 16
 ENCODER = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
 KEYPOINTS = KeypointsConfig(
-    2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4), displaced_rad=0.0
+    2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4)
 )
 CONFIGS = {side: replace(KEYPOINTS, crop_refinement=side) for side in (0, SIDE)}
 SIZE = torch.tensor([64, 48])

@@ -44,9 +44,7 @@ from tests.policy.test_rollout import Table, judge
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 USUAL = ObservationSpec()  # all arms are the default robot
-CONFIG = KeypointsConfig(
-    1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4), displaced_rad=0.0
-)
+CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0, dilations=(1, 2, 4))
 
 
 # Rays of a camera 1 m above the base that looks straight down on 1 m x 1 m of the table.

@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy import displaced_steps, views
-from rf_exp.policy.examples.keypoints import GRIPPER_POINTS, keypoints
-from rf_exp.policy.inputs.observation_spec import spec_of
 from rf_exp.sim import Simulator
-from rf_exp.stages import Cell, cells, displace, generate_data, redraw
+from rf_exp.stages import Cell, cells, generate_data, redraw
 from rf_exp.store import Store, problems
 from rf_exp.tasks import NO_VARIATION, Variation, read_variation, scene_draws
-from rf_exp.transforms import from_quaternion
 from tests.conftest import experiment
-from tests.policy.conftest import ARCHS
 
 SMALL = ("task=stack_cube", "picture={width: 64, height: 48}", "cameras=local", "workers=1", "recordings=0")
 SIZE = {"width_px": 64, "height_px": 48}
@@ -89,53 +84,6 @@ def test_interrupted_copies_are_resumed(cell: Cell, tmp_path: Path, monkeypatch:
     for index in range(4):
         one, other = (Store.open(path).episode(index) for path in (whole, tmp_path / "torn.zarr"))
         np.testing.assert_array_equal(one.images["agent1"], other.images["agent1"])
-
-
-@pytest.mark.render
-@pytest.mark.slow
-def test_displaced_arms_take_along_what_they_carry(cell: Cell, tmp_path: Path) -> None:
-    """In all other respects the rows are those of the demonstrations; only pictures and own poses differ."""
-    source = Store.open(cell.data_path)
-    store = Store.open(displace(source, tmp_path / "displaced.zarr", cell.task, 0.05))
-    arm = cell.task.arms[1]
-    assert store.seeds.tolist() == source.seeds.tolist()
-    for index in range(len(store)):
-        displaced, before = store.episode(index), source.episode(index)
-        steps = displaced_steps(len(before.qpos))
-        assert len(displaced.qpos) == len(steps) and np.array_equal(displaced.action, before.action[steps])
-        joints = displaced.qpos[:, 0, :7] - before.qpos[steps, 0, :7]
-        moved = (joints != 0).any(axis=1)
-        assert moved.mean() > 0.8 and 0.04 < joints[moved].std() < 0.06
-        assert np.array_equal(displaced.qpos[:, 0, 7:], before.qpos[steps, 0, 7:])
-        relative, carried = {}, displaced.poses["blue"][:, :3] != before.poses["blue"][steps, :3]
-        carried = carried.any(axis=1)
-        for name, each, rows in (("displaced", displaced, slice(None)), ("before", before, steps)):
-            tcps = np.linalg.inv(arm.tcp(each.qpos[rows, 0].astype(float)))
-            relative[name] = tcps @ from_quaternion(each.poses["blue"][rows])
-        assert 3 < carried.sum() < len(steps) - 3
-        assert (before.action[steps][carried, 0, -1] < 0).all()
-        np.testing.assert_allclose(relative["displaced"][carried], relative["before"][carried], atol=1e-5)
-        assert np.array_equal(displaced.poses["red"], before.poses["red"][steps])
-
-
-@pytest.mark.render
-@pytest.mark.slow
-def test_goals_in_displaced_pictures_are_those_of_the_demonstrations(cell: Cell, tmp_path: Path) -> None:
-    source = Store.open(cell.data_path)
-    view = views(ARCHS[3], 1)[0]
-    recipe = experiment(*SMALL, "policy=fast", f"out={tmp_path}").policy
-    displaced = Store.open(displace(source, tmp_path / "displaced.zarr", cell.task, 0.05))
-    spec = spec_of(recipe, source, view)
-    found = keypoints(source, view.streams[0], spec, slice(None), displaced)
-    before = keypoints(source, view.streams[0], spec, slice(None))
-    ends = source.episode_ends
-    rows = np.concatenate(
-        [start + displaced_steps(end - start) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
-    )
-    goals = (spec.keyframes + 1) * len(GRIPPER_POINTS)
-    np.testing.assert_array_equal(found.points[:, :goals], before.points[rows, :goals])
-    off = np.linalg.norm(found.points[:, goals] - before.points[rows, goals], axis=1)
-    assert 0.02 < np.median(off) < 0.1
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 GRIPPER_POINTS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 # Cosine and sine of one, two and four times the heading of the fingers (a cube has four sides).
 HEADING_SIZE = 6
-DISPLACED_EVERY = 6  # steps of a demonstration from one that is rendered with displaced arms to the next
 
 
 class Keypoints(NamedTuple):
@@ -46,36 +45,19 @@ class Keypoints(NamedTuple):
     rays: NDArray[np.float32]  # (T, K, 3, 4) of the K cameras, see `rays_of`
 
 
-def displaced_steps(length: int) -> NDArray[np.int64]:
-    """The steps of a demonstration of this length that are rendered with displaced arms."""
-    return np.arange(length % DISPLACED_EVERY, length, DISPLACED_EVERY)
-
-
 def keypoints(
-    store: "Store",
-    stream: Stream,
-    spec: ObservationSpec,
-    selection: NDArray[np.bool_] | slice,
-    displaced: "Store | None" = None,
+    store: "Store", stream: Stream, spec: ObservationSpec, selection: NDArray[np.bool_] | slice
 ) -> Keypoints:
-    """The keypoints of the selected frames of a store.
-
-    With `displaced`, its frames: the `displaced_steps` of the demonstrations in `store`, or of the first of
-    the copies of each. Arms are where they are displaced to, and goals remain. Raises ArgumentError as
-    `usual_calibration`.
-    """
-    shown = store if displaced is None else displaced
-    copies = len(store) // len(shown)
+    """The keypoints of the kept frames of a store. Raises ArgumentError as `usual_calibration`."""
+    episode_calibrations = calibrations(store, stream.cameras)
     pixels, points, headings, rays = [], [], [], []
     episodes = zip(
-        store.by_episode(measured_joints(store))[::copies],
-        store.by_episode(intended_commands(store))[::copies],
-        shown.by_episode(measured_joints(shown)),
-        calibrations(shown, stream.cameras),
+        store.by_episode(measured_joints(store)),
+        store.by_episode(intended_commands(store)),
+        episode_calibrations,
         strict=True,
     )
-    for qpos, action, shown_qpos, calibration in episodes:
-        steps = slice(None) if displaced is None else displaced_steps(len(qpos))
+    for qpos, action, calibration in episodes:
         bases, cameras = calibration.world_from_base, calibration.cameras.values()
         columns = []
         for agent in stream.agents:
@@ -83,9 +65,9 @@ def keypoints(
             change_steps = gripper_changes(
                 action[:, agent - 1, ARM_JOINTS], finger_openings(qpos)[:, agent - 1]
             )
-            columns += [each[steps] for each in _own_keyframes(tcp, change_steps, spec.keyframes)]
+            columns += _own_keyframes(tcp, change_steps, spec.keyframes)
         present_agents = *stream.agents, *other_agents(spec, stream)
-        columns += [world_from_tcp(spec, bases, agent, shown_qpos) for agent in present_agents]
+        columns += [world_from_tcp(spec, bases, agent, qpos) for agent in present_agents]
         world_from_tcps = np.stack(columns, axis=1)  # (T, M, 4, 4)
         world_points = transform_by_poses(world_from_tcps, GRIPPER_POINTS).reshape(
             len(world_from_tcps), -1, 3
@@ -98,7 +80,7 @@ def keypoints(
         pixels.append(np.concatenate(projected, axis=1))
         points.append(apply(footprint_from_world, world_points).astype(np.float32))
         headings.append(_heading_features(footprint_from_world @ world_from_tcps).astype(np.float32))
-        rays.append(np.repeat(rays_of(calibration, stream)[None], len(shown_qpos), axis=0))
+        rays.append(np.repeat(rays_of(calibration, stream)[None], len(qpos), axis=0))
     per_camera = 1, len(stream.cameras), 1
     return Keypoints(
         np.concatenate(pixels)[selection],

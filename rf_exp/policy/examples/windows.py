@@ -20,7 +20,7 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.examples.keypoints import displaced_steps, gripper_shape, keypoints
+from rf_exp.policy.examples.keypoints import gripper_shape, keypoints
 from rf_exp.policy.examples.starts import StartOffsets
 from rf_exp.policy.inputs.coordination import held_up_mask, may_go_on_mask, numbered_subgoals, phase_vectors
 from rf_exp.policy.inputs.observation_spec import (
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 ENCODED_AT_ONCE = 256  # pictures encoded at a time
-DISPLACED_FRACTION = 0.5  # of the labelled pictures, where there are some with displaced arms
 Indices = NDArray[np.int64]
 
 
@@ -154,18 +153,8 @@ class Batch:
 class Windows:
     """All windows of all streams of a view, on one device. Index w is the window at frame w."""
 
-    def __init__(
-        self,
-        store: "Store",
-        view: View,
-        config: PolicyConfig,
-        device: torch.device,
-        displaced: "Store | None" = None,
-    ) -> None:
-        """`displaced` holds the same demonstrations with displaced arms, see `rf_exp.stages.redrawing`.
-
-        Raises ArgumentError when the store lacks what the view shows, or has another picture size.
-        """
+    def __init__(self, store: "Store", view: View, config: PolicyConfig, device: torch.device) -> None:
+        """Raises ArgumentError when the store lacks what the view shows, or has another picture size."""
         self._config, self._device = config, device
         if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
@@ -229,23 +218,6 @@ class Windows:
             )
             usual_rays = [rays_of(usual_calibration(store, each.cameras), each) for each in view.streams]
             self.usual_rays = torch.from_numpy(np.stack(usual_rays)).to(device)
-        self._displaced: tuple[Tensor, Tensor, Labels] | None = None  # as `labelled`
-        if displaced is not None:
-            shown = expert_steps(displaced)
-            lengths, copies = np.diff(store.episode_ends, prepend=0), len(store) // len(displaced)
-            first_copies = zip((store.episode_ends - lengths)[::copies], lengths[::copies], strict=True)
-            steps = np.concatenate([start + displaced_steps(length) for start, length in first_copies])[shown]
-            stream_keypoints = [keypoints(store, each, spec, shown, displaced) for each in view.streams]
-            pixels, points, headings, rays = map(stacked, zip(*stream_keypoints, strict=True))
-            subgoals = stacked(
-                [
-                    subgoal_numbers[steps][:, np.array(other_agents(spec, each), int) - 1]
-                    for each in view.streams
-                ]
-            )
-            pictures = ([pictures_of(displaced, each, config)[shown] for each in names] for names in cameras)
-            shown_pictures = stacked([side_by_side(each) for each in pictures])
-            self._displaced = shown_pictures, rays, Labels(pixels, points, headings, subgoals)
         # Windows in which an own agent may go on.
         self.active = np.flatnonzero(
             np.concatenate([may_go_on[selection][:, each].any(axis=1) for each in columns])
@@ -393,14 +365,10 @@ class Windows:
     ) -> tuple[Tensor, Tensor, Labels]:
         """The newest pictures (B, H, W, 3) of windows, the rays of their cameras, and their labels.
 
-        With `rng` some are replaced by pictures with displaced arms, if there are any, and each is shifted by
-        up to `shift_px` pixels either way, and its keypoints with it.
+        With `rng` each picture is shifted by up to `shift_px` pixels either way, and its keypoints with it.
         """
         rows = self._index(windows)
-        pictures, rays = self._pictures[rows], self.rays[rows]
-        labels = Labels(self.pixels[rows], self.points[rows], self.headings[rows], self.other_subgoals[rows])
-        if rng is not None and self._displaced is not None:
-            pictures, rays, labels = self._with_displaced(pictures, rays, labels, rng)
+        pictures, pixels, rays = self._pictures[rows], self.pixels[rows], self.rays[rows]
         if rng is not None and shift_px:
             height, width = pictures.shape[1:3]
             shifts = rng.integers(-shift_px, shift_px + 1, (len(windows), 2))  # down, to the right
@@ -408,27 +376,12 @@ class Windows:
             pictures = crop(padded, np.arange(len(windows)), shift_px - shifts, (height, width))
             shift = (shifts / (height, width))[:, None, ::-1].astype(np.float32)
             shift = torch.from_numpy(shift).to(self._device)
-            labels, rays = replace(labels, pixels=labels.pixels + shift), rays.clone()
+            pixels, rays = pixels + shift, rays.clone()
             rays[..., 2:3] -= rays[..., :2] @ shift[..., None]
-        return pictures, rays, labels
-
-    def _with_displaced(
-        self, pictures: Tensor, rays: Tensor, labels: Labels, rng: np.random.Generator
-    ) -> tuple[Tensor, Tensor, Labels]:
-        """The pictures of a batch, rays and labels, with DISPLACED_FRACTION of them replaced."""
-        assert self._displaced is not None
-        displaced_pictures, displaced_rays, displaced_labels = self._displaced
-        count = round(DISPLACED_FRACTION * len(pictures))
-        rows = self._index(rng.integers(len(displaced_pictures), size=count))
-
-        def mixed(values: Tensor, displaced: Tensor) -> Tensor:
-            return torch.cat([values[count:], displaced[rows]])
-
-        pairs = zip(vars(labels).values(), vars(displaced_labels).values(), strict=True)
         return (
-            mixed(pictures, displaced_pictures),
-            mixed(rays, displaced_rays),
-            Labels(*(mixed(*pair) for pair in pairs)),
+            pictures,
+            rays,
+            Labels(pixels, self.points[rows], self.headings[rows], self.other_subgoals[rows]),
         )
 
     def encode_once(self, encode: Callable[[Tensor, Tensor], tuple[Tensor, Any]]) -> Tensor:

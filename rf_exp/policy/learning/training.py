@@ -59,13 +59,11 @@ def train(
     folder: Path,
     progress: Callable[[Curve], None] | None = None,
     fit_cache: Path | None = None,
-    displaced: "Store | None" = None,
 ) -> Path:
     """Train one policy into its folder (layout: `rf_exp.policy.learning.checkpoint`) and return the folder.
 
     A first fit that other trainings may share is read from the folder `fit_cache` if one of them has written
-    it there, or else written there. The resulting weights are the same as without sharing. `displaced` holds
-    the same demonstrations with displaced arms, for an encoder that is trained with such pictures.
+    it there, or else written there. The resulting weights are the same as without sharing.
 
     A finished folder of the same configuration is returned untouched, an unfinished one is resumed. Ctrl-C
     and SIGTERM raise a KeyboardInterrupt between two steps, once the state is written. Raises StageError when
@@ -83,7 +81,7 @@ def train(
     }
     if claim(folder, provenance):
         return folder
-    windows = Windows(store, view, policy_config, device_of(train_config.device), displaced)
+    windows = Windows(store, view, policy_config, device_of(train_config.device))
     training = Training(windows, view, policy_config, train_config)
     if fit_cache is not None and (cache_key := training.fits[0].cache_key) is not None:
         common_key = {key: provenance[key] for key in ("learner", "view", "spec", "data")}
