@@ -227,8 +227,8 @@ class ActingConfig(Checked):
     # An arm moves to its rest posture, in a straight line in joint space, before its first observation and
     # after a failed grasp (fingers closed on nothing).
     regrasp_step_m: float = bounded(0.1, least=0)
-    # After a failed grasp or press the goal is displaced in steps of this length along the ray from the camera:
-    # a new observation would repeat the error, most of which is along the ray.
+    # After a failed grasp or press the goal is displaced in steps of this length along the camera ray: a new
+    # observation would repeat the error, most of which is along the ray.
     action_steps: int = bounded(512, above=0)  # executed before the next prediction
     deadband_rad: float = bounded(math.pi, least=0)  # chunks smaller than this move nothing
     transition_integrator: float = bounded(1e6, least=0)

@@ -69,6 +69,12 @@ def test_a_blocked_press_tells_the_height_of_its_goal() -> None:
     assert search.shift_m(4, 2) == MOST_PRESS_SHIFT_M
 
 
+def test_a_level_ray_tells_no_place_for_a_height() -> None:
+    search = Search(0.015)
+    assert search.press_failed(4, 2, 0.012, 0.0, blocked=True)
+    assert search.shift_m(4, 2) == 0.015
+
+
 def test_a_press_on_nothing_goes_on_farther_along_the_ray() -> None:
     search, found = Search(0.025), []
     while search.press_failed(4, 2, 0.0, 0.6, blocked=False):

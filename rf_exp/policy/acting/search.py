@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 STEPS = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, after a first failed grasp, ...
 MOST_PRESS_SHIFT_M = 0.06
+LEAST_SLOPE = 0.1  # of a ray; where a flatter one has some height tells nothing
 SAME_PLACE_M = 0.005  # a press that is no farther from its goal, along the ray, is repeated nowhere else
 
 Key = tuple[int, int]  # agent, number of its gripper change
@@ -36,7 +37,7 @@ class Search:
         blocked if they stand still short of where they are commanded to.
         """
         last_m = self.press_shifts_m[agent, change]
-        shift_m = below_m / slope if blocked else last_m + self.step_m
+        shift_m = below_m / slope if blocked and slope > LEAST_SLOPE else last_m + self.step_m
         shift_m = min(max(shift_m, -MOST_PRESS_SHIFT_M), MOST_PRESS_SHIFT_M)
         self.press_shifts_m[agent, change] = shift_m
         return abs(shift_m - last_m) >= SAME_PLACE_M
