@@ -46,7 +46,7 @@ def test_after_a_failed_grasp_the_goal_is_shifted_along_the_ray(runner: Diffusio
     assert float(runner._shifts_m()) == 0
 
 
-def test_without_a_search_nothing_is_shifted(policy_config: PolicyConfig) -> None:
+def test_without_a_search_nothing_is_shifted() -> None:
     search = Search(0.0)
     search.failed_grasps[1, 0] += 1
     assert search.shift_m(1, 0) == 0
@@ -102,8 +102,8 @@ def press(runner: DiffusionRunner, deeper_m: float = 0.0, moved_m: float = 0.0, 
     nearest = np.nanargmin(np.abs(last - scene.qpos[1, :7]).max(axis=1))
     runner.state.targets.start(np.append(last[nearest], [0.0, 0.0])[None])
     found = None
-    for joint in (moved_m, 0.0):
-        world.qpos[1, 0] = scene.qpos[1, 0] + joint / np.hypot(*pose[:2, 3] - BASES[1][:2])
+    for beside_m in (moved_m, 0.0):
+        world.qpos[1, 0] = scene.qpos[1, 0] + beside_m / np.hypot(*pose[:2, 3] - BASES[1][:2])
         observation = shown(runner, world.scene(), world.images())
         found = runner._next_presses(observation, waiting, torch.tensor([offset_m]), RAY)
     return found, pose, arm

@@ -345,7 +345,8 @@ class DiffusionRunner(PolicyRunner):
         episode, last, bases = self._episode, self.state.targets.last, self._bases(observation)
         pressing, again = self._closed_on_nothing(meant=True) & ~waiting, False
         first_agents = [stream.agents[0] for stream in self.view.streams for _ in stream.agents]
-        targets = np.tile(last, (2, 1, 1))
+        grippers = np.where(episode.grippers.opened[self._rows], 1.0, -1.0)
+        targets = np.tile(np.column_stack([last, grippers]), (2, 1, 1))
         before_m, episode.pressing_m = episode.pressing_m, {}
         for row in np.flatnonzero(pressing).tolist():
             agent, search = self.view.agents[row], episode.search
@@ -369,11 +370,7 @@ class DiffusionRunner(PolicyRunner):
             targets[:, row, : arm.robot.dof] = nearest_postures(arm, np.stack([lifted, above]), near)
             del episode.pressing_m[agent]
             again = True
-        if not again:
-            return None
-        grippers = np.where(episode.grippers.opened[self._rows], 1.0, -1.0)
-        targets = np.concatenate([targets, np.tile(grippers[:, None], (2, 1, 1))], axis=2)
-        return np.repeat(targets, LIFT_STEPS, axis=0)
+        return np.repeat(targets, LIFT_STEPS, axis=0) if again else None
 
     def _failed_grasps(self) -> NDArray[np.bool_]:
         """(agents of the view,) whether fingers have closed on nothing, unlike in the demonstrations.

@@ -1,9 +1,9 @@
 """Search along camera rays: where the next attempt goes after a failed grasp or press.
 
-The distance along its ray is what a picture tells least of a point. Fingers that have closed on nothing do
-not tell more, so the next grasp is tried farther along the ray, then nearer. Fingers that press tell the
-height of what they have met, and the goal is where the ray has that height; if they have met nothing, it is
-farther along the ray.
+A picture tells least about the distance of a point along its ray. Fingers that have closed on nothing add no
+information, so the next grasp is tried farther along the ray, then nearer. Fingers that are stopped while
+they press measure the height of a surface, and the goal is where the ray has that height; fingers that are
+not stopped go on farther along the ray.
 """
 
 from collections import Counter, defaultdict
@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 STEPS = (0, 1, -1, 2, -2)  # steps along the ray at the first attempt, after a first failed grasp, ...
 MOST_PRESS_SHIFT_M = 0.06
-LEAST_SLOPE = 0.1  # of a ray; where a flatter one has some height tells nothing
-SAME_PLACE_M = 0.005  # a press that is no farther from its goal, along the ray, is repeated nowhere else
+LEAST_SLOPE = 0.1  # of a ray; where a flatter one reaches a height is too uncertain
+SAME_PLACE_M = 0.005  # a press is not repeated if its goal has shifted by less than this
 
 Key = tuple[int, int]  # agent, number of its gripper change
 
